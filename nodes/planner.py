@@ -246,7 +246,7 @@ def take_model(params: Params, state: State, model: types.ShapeModel) -> tuple[S
         state.explored,
         dropped=frozenset(model.dropped),
         uncertainty=_uncertainty(model),
-        surface=None if lying.pose is None else _surface(state, model, lying.pose),
+        surface=_surface(state, model, lying.pose),
         general=model.method == "general",
         lying=lying,
     )
@@ -276,10 +276,12 @@ def _uncertainty(model: types.ShapeModel) -> explore.ModelUncertainty:
     )
 
 
-def _surface(state: State, model: types.ShapeModel, pose: Pose) -> planners.ObservedSurface | None:
+def _surface(
+    state: State, model: types.ShapeModel, pose: Pose | None
+) -> planners.ObservedSurface | None:
     """The model as planners of single touches are told of it; None if nothing tells of errors.
 
-    `pose`: of the object in the world.
+    `pose`: of the object in the world; None where nobody knows: then it is told of as at first.
     """
     assert state.world is not None and state.info is not None
     known, before = state.explored, state.explored.model
@@ -421,7 +423,11 @@ def _last_words(reason: str, known: explore.Exploration, demand: explore.Demand)
     findings = estimate.findings
     if not known.model.general:  # single touches of a general solid have no heights
         findings = replace(findings, untraced_height=planners.untraceable_height(observation))
-    done = plan_done(goal, reason, findings, observation.limits, estimate.open_area)
+    unknown, pose = estimate.open_area, known.lying.pose
+    if unknown is not None and pose is not None and known.lying.placement:
+        places, normals = pose.to_local(unknown.places), unknown.normals @ pose.axes
+        unknown = unknown._replace(places=places, normals=normals)  # as the object lay at first
+    done = plan_done(goal, reason, findings, observation.limits, unknown)
     return [("/plan/estimate", _estimate(done, estimate)), ("/plan/done", done)]
 
 

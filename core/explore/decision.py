@@ -68,7 +68,9 @@ def _grasp_goal(known: Exploration, demand: Demand) -> Goal:
 def _next_closing(known: Exploration) -> CloseHand | None:
     """None once the hand has touched enough, or looked everywhere."""
     contacts, setup, settings = known.hand, known.setup, known.setup.grasp
-    enough = settings.turned_contacts if known.lying.placement else settings.enough_contacts
+    enough = settings.enough_contacts
+    if known.lying.placement:
+        enough = settings.lost_contacts if known.lying.fault else settings.turned_contacts
     if len(contacts.points) >= enough or contacts.grips >= settings.max_grips:
         return None
     opening = settings.opening * setup.reach
@@ -100,13 +102,14 @@ def _fits_closing(known: Exploration, demand: Demand, closing: CloseHand) -> boo
 
 def _placing_goals(known: Exploration, demand: Demand) -> list[Goal]:
     """What tells how the object lies that was turned over: closings of the hand, then a model."""
-    if known.lying.fault:
-        return [] if known.model.is_pending else [Done(known.lying.fault)]
-    if known.lying.is_turning or known.model.is_pending:
+    lying = known.lying
+    if lying.is_turning or known.model.is_pending:
         return []
     closing = _next_closing(known)
     if closing is not None and _fits_closing(known, demand, closing):
         return [closing]
+    if lying.fault and lying.contacts == len(known.hand.points):
+        return [Done(lying.fault)]
     return [MakeModel()]
 
 

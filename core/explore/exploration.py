@@ -36,7 +36,9 @@ class GraspSettings:
     """How often the hand closes, and where it looks for the object."""
 
     enough_contacts: int = 60  # the hand has touched enough
-    turned_contacts: int = 48  # the same of an object that was turned over: its shape is known
+    # The same of an object that was turned over, whose shape is known; and if these fit nowhere.
+    turned_contacts: int = 48
+    lost_contacts: int = 96
     max_grips: int = 30  # closings on the object
     search_spacing: float = 12e-3  # of places where the object is looked for [m]; below a pad
     opening: float = 0.8  # of the fingers, fraction of the reach
@@ -222,7 +224,8 @@ class Lying(NamedTuple):
     # In the world, from how it lay at first; None: since it was turned over nobody knows yet.
     pose: Pose | None = UNTURNED
     is_turning: bool = False  # whether the hand is still at it
-    fault: str = ""  # why nobody will know
+    fault: str = ""  # why the contacts of the hand have not told
+    contacts: int = 0  # that the hand had made by then
 
 
 class SingleResult(NamedTuple):
@@ -448,7 +451,8 @@ def with_model(
     lying: Lying | None = None,  # how the object lies, as far as the model tells; None: as before
 ) -> Exploration:
     """With what a model says of itself."""
-    known = known if lying is None else replace(known, lying=lying)
+    if lying is not None:
+        known = replace(known, lying=lying._replace(contacts=len(known.hand.points)))
     survey = known.surveyed.with_dropped(dropped)
     model = known.model._replace(
         is_pending=False, singles=len(known.singles), surface=surface, general=general

@@ -31,8 +31,8 @@ class PlacingSettings:
     n_azimuths: int = 36  # turns about the vertical from which each side is tried
     max_rests: int = 24  # sides that are tried, those nearest to the one asked for
     rest_spacing: float = math.radians(12.0)  # sides that differ by less are tried as one [rad]
-    coarse_steps: int = 10  # of all starts
-    n_best: int = 8  # poses, no two of them alike, that are followed to the end
+    coarse_steps: int = 12  # of all starts
+    n_best: int = 12  # poses, no two of them alike, that are followed to the end
     fine_steps: int = 25
     tolerance: float = 1.0e-4  # a step that promises to lower the cost by less than its square ends
     normal_error: float = 0.25  # standard deviation of a normal's components

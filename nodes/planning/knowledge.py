@@ -40,7 +40,7 @@ def lying_of(model: ShapeModel, lying: Lying) -> Lying:
     if number == 0 or lying.is_turning:
         return lying
     if len(model.placements) < number:
-        why = "; ".join(model.placement_faults) or "no model tells of it"
+        why = "; ".join(model.placement_faults[-1:]) or "no model tells of it"
         return lying._replace(fault=f"nobody knows how the object lies since it was turned: {why}")
     return lying._replace(pose=Pose.from_array(model.placements[number - 1]))
 

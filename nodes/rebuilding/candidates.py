@@ -81,6 +81,7 @@ class Placements(NamedTuple):
     errors: tuple[float, ...] = ()  # How far each may be off along normals, root mean square [m]
     faults: tuple[str, ...] = ()  # What is wrong with them, a sentence each
     alternatives: tuple[tuple[Pose, ...], ...] = ()  # Of each: other poses that fit as well
+    lost: tuple[str, ...] = ()  # Why the last one is not known, if it is not: a sentence
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,7 +197,7 @@ def shape_model(
         missing=missing,
         placements=np.reshape([one.array for one in candidates.poses], (-1, 7)),
         placement_errors=np.array(candidates.placements.errors, np.float64),
-        placement_faults=candidates.placements.faults,
+        placement_faults=(*candidates.placements.faults, *candidates.placements.lost),
         openings=_openings(spanned.openings, volume),
         frame=frame,
         **_deviations(solid, candidates, step),

@@ -43,7 +43,8 @@ def underside_of(solid: GeneralSolid) -> Floats:
 
 def located(state: State, goal: Goal, solid: GeneralSolid, known: Placements) -> Placements:
     """The placements with those since, of which the hand has told, as far as it tells."""
-    poses, errors, faults, others = map(list[Any], known)
+    poses, errors, faults, others = map(list[Any], known[:4])
+    lost = tuple[str, ...]()
     for number in range(len(poses) + 1, max(state.turns) + 1):
         closings = closings_in(state, goal, number)
         if not closings or state.platform is None:
@@ -51,13 +52,14 @@ def located(state: State, goal: Goal, solid: GeneralSolid, known: Placements) ->
         contacts, asked = stack_points(closings), state.turns[number]
         found = _place(solid, contacts, asked, state.platform)
         if found is None:
-            faults.append(f"its {len(contacts.points)} contacts of the hand fit the solid nowhere")
+            lost = (f"its {len(contacts.points)} contacts of the hand fit the solid nowhere",)
             break
         faults += _told(found, asked)
         poses.append(found.pose)
         errors.append(found.error)
         others.append(found.alternatives)
-    return Placements(tuple(poses), tuple(errors), tuple(dict.fromkeys(faults)), tuple(others))
+    told = tuple(dict.fromkeys(faults))
+    return Placements(tuple(poses), tuple(errors), told, tuple(others), lost)
 
 
 def _place(

@@ -45,7 +45,9 @@ NEAR = 0.33  # Of the pad's width: what lies so near to a contact is known after
 BODY = 10.0e-3  # Length of the finger behind the pad's face that must be free, m
 LEAST_START, MOST_START = 4.0e-3, 20.0e-3  # Of the face over the place where it is expected, m
 DEVIATIONS = 3.0  # Expected errors that a start lies farther off
-BEYOND = 8.0e-3  # Way beyond the expected contact before a touch is given up, m
+# Way beyond the expected contact before a touch is given up, m: the distance from touch, within
+# these, for so deep may be what nothing was touched of.
+BEYOND, MOST_BEYOND = 8.0e-3, 50.0e-3
 CLEARANCE = 1.0e-3  # Of the finger from the pedestal, m
 PEDESTAL_GRID = 4.0e-3  # Of places on its top, m: far less than a pad
 STANDING_HEIGHT = 1.0e-3  # Over the platform, m: what lies so low stands on it
@@ -474,6 +476,7 @@ def _approach(
         return None
     if nearest > away + BEYOND:
         return None
+    beyond = float(np.clip(places.distances[number], BEYOND, MOST_BEYOND))
     met = ranges <= nearest + 1.0e-3
     points = target + away * outward + face[met] - ranges[met, None] * outward
     known = np.unique(np.concatenate(tree.query_ball_point(points, NEAR * pad_width(pad))))
@@ -484,7 +487,7 @@ def _approach(
     if _meets_pedestal(surface.pedestal, contact, axes, pad, start + BODY):
         return None
     return TouchOffer(
-        Pose(begin, axes), start + BEYOND, points.mean(axis=0), known.astype(np.int32)
+        Pose(begin, axes), start + beyond, points.mean(axis=0), known.astype(np.int32)
     )
 
 

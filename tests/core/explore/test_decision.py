@@ -254,6 +254,12 @@ def test_after_a_turn_the_hand_closes_then_a_model_tells_how_it_lies():
     assert told.lying.pose is upside_down and not told.model.is_pending
     lost = explore.Lying(1, None, fault="its contacts fit nowhere")
     known = explore.with_model(known, **model, surface=None, general=True, lying=lost)
+    known, [closing] = acted(known)  # the hand closes more often
+    assert isinstance(closing, explore.CloseHand)
+    known = explore.with_contacts(known, met, RIM[:48], 80.0)
+    known, goals = acted(known)
+    assert goals == [explore.MakeModel()]
+    known = explore.with_model(known, **model, surface=None, general=True, lying=lost)
     assert acted(known)[1] == [explore.Done("its contacts fit nowhere")]
 
 
