@@ -7,25 +7,16 @@ of values, so that a recorded run can be explored again. It rests on core touch 
 
 from palpate.core.explore.decision import goals as goals
 from palpate.core.explore.exploration import (
-    CloseHand as CloseHand,
-    Done as Done,
     Exploration as Exploration,
     Finger as Finger,
-    Goal as Goal,
     GoalSettings as GoalSettings,
     GraspSettings as GraspSettings,
     HandContacts as HandContacts,
     Lying as Lying,
-    MakeModel as MakeModel,
     ModelStatus as ModelStatus,
     ProbedPoint as ProbedPoint,
     Result as Result,
     Setup as Setup,
-    SingleTouch as SingleTouch,
-    Task as Task,
-    TouchEnd as TouchEnd,
-    TraceSlice as TraceSlice,
-    TurnObject as TurnObject,
     with_coarse as with_coarse,
     with_contacts as with_contacts,
     with_model as with_model,
@@ -58,4 +49,15 @@ from palpate.core.explore.survey import (
     Underside as Underside,
     next_finished as next_finished,
     widened as widened,
+)
+from palpate.core.explore.tasks import (
+    CloseHand as CloseHand,
+    Done as Done,
+    Goal as Goal,
+    MakeModel as MakeModel,
+    SingleTouch as SingleTouch,
+    Task as Task,
+    TouchEnd as TouchEnd,
+    TraceSlice as TraceSlice,
+    TurnObject as TurnObject,
 )

@@ -17,10 +17,11 @@ import math
 import numpy as np
 
 from palpate.core.explore import grasp, planners, probing
-from palpate.core.explore.exploration import (
+from palpate.core.explore.exploration import Exploration
+from palpate.core.explore.survey import Demand
+from palpate.core.explore.tasks import (
     CloseHand,
     Done,
-    Exploration,
     Goal,
     MakeModel,
     SingleTouch,
@@ -30,7 +31,6 @@ from palpate.core.explore.exploration import (
     TurnObject,
     Work,
 )
-from palpate.core.explore.survey import Demand
 from palpate.core.robot_time import longest_seconds, move_between
 
 ENDS: tuple[probing.End, ...] = ("upper", "lower")

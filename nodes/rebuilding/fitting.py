@@ -271,33 +271,15 @@ def _general(
 ) -> FittedGeneral | None:
     """The general solid of all touches; None if they lie in one plane.
 
-    It goes on from that of the set before where it can: with a few touches within that one's cells
-    each is taken up where it lies, else all of it is fitted again.
+    It goes on from that of the set before where it can, else it is fitted from nothing.
     """
     seen = as_at_first(state, poses)
     touched = touches_since(seen, (), goal)
     earlier = _earlier(state, goal, step)
     if earlier is not None:
-        more = touches_since(seen, touched_goals(earlier[0]), goal)
-        before, count = earlier[1], len(touched)
-        few = count <= MORE * before.whole and goal.missed == earlier[0].missed
-        # What the hand met in a placement counts from its first touch on.
-        known = {int(number) for number in before.solid.placements_of_touches}
-        still = {number for _, number in more} <= known
-        covered = all(before.solid.covers(one.points) for one, _ in more)
-        if few and still and covered and not is_final(goal):
-            with step("implicit spline"):
-                solid = before.solid
-                for one, placement in more:
-                    solid = solid.update(one, placement)
-            return before._replace(solid=solid)
-        if still and count <= ANEW * before.anew:
-            evidence = stack_points([before.solid.contacts, *(one for one, _ in more)])
-            first = before.solid.placements_of_touches
-            of_touch = np.array([*first, *(number for _, number in more)], np.int32)
-            below = before.underside
-            solid = _fit_general(seen, goal, evidence, of_touch, before.solid, below, step)
-            return FittedGeneral(solid, count, before.anew, below)
+        continued = _continued(seen, goal, *earlier, len(touched), step)
+        if continued is not None:
+            return continued
     # Of objects that slices tell of, nobody waits for these imports.
     from palpate.core.rebuild.general import is_flat
 
@@ -307,14 +289,43 @@ def _general(
     if is_flat(evidence.points):
         return None
     of_touch = np.concatenate([np.full(int(one.touch.max()) + 1, at) for one, at in parts])
-    of_touch = of_touch.astype(np.int32)
     below = None
     if of_touch.any() and earlier is not None:
         below = earlier[1].underside
         below = underside_of(earlier[1].solid) if below is None else below
-    solid = _fit_general(seen, goal, evidence, of_touch, None, below, step)
+    solid = _fit_general(seen, goal, evidence, of_touch.astype(np.int32), None, below, step)
     count = len(touched)
     return FittedGeneral(solid, count, count, below)
+
+
+def _continued(
+    seen: State, goal: Goal, earlier: Goal, before: FittedGeneral, count: int, step: Steps
+) -> FittedGeneral | None:
+    """The general solid of the set before, gone on with; None where it must be fitted anew.
+
+    With a few touches within its cells each is taken up where it lies, else all of it is fitted
+    again. `count`: of all touches.
+    """
+    more = touches_since(seen, touched_goals(earlier), goal)
+    # What the hand met in a placement counts from its first touch on.
+    known = {int(number) for number in before.solid.placements_of_touches}
+    if not {number for _, number in more} <= known:
+        return None
+    few = count <= MORE * before.whole and goal.missed == earlier.missed
+    covered = all(before.solid.covers(one.points) for one, _ in more)
+    if few and covered and not is_final(goal):
+        with step("implicit spline"):
+            solid = before.solid
+            for one, placement in more:
+                solid = solid.update(one, placement)
+        return before._replace(solid=solid)
+    if count > ANEW * before.anew:
+        return None
+    evidence = stack_points([before.solid.contacts, *(one for one, _ in more)])
+    first, below = before.solid.placements_of_touches, before.underside
+    of_touch = np.array([*first, *(number for _, number in more)], np.int32)
+    solid = _fit_general(seen, goal, evidence, of_touch, before.solid, below, step)
+    return FittedGeneral(solid, count, before.anew, below)
 
 
 def _earlier(state: State, goal: Goal, step: Steps) -> tuple[Goal, FittedGeneral] | None:

@@ -5,6 +5,9 @@ name (``uniform``, `Uniform`); add your own as ``module:Class``, its numbers wit
 on core arrays and ranges alone, and touches nothing: lengths are shares of the object's height.
 """
 
+from palpate.core.explore.planners.approaches import (
+    TouchOffer as TouchOffer,
+)
 from palpate.core.explore.planners.coverage import (
     Estimate as Estimate,
     Span as Span,
@@ -61,7 +64,6 @@ from palpate.core.explore.planners.surface import (
     ObservedSurface as ObservedSurface,
     OpenArea as OpenArea,
     Progress as Progress,
-    TouchOffer as TouchOffer,
 )
 from palpate.core.explore.planners.thesis import (
     TEMPLATES as TEMPLATES,

@@ -10,7 +10,8 @@ import numpy as np
 
 from palpate.core.arrays import Floats
 from palpate.core.explore.planners import protocol
-from palpate.core.explore.planners.surface import ObservedSurface, Progress, TouchOffer
+from palpate.core.explore.planners.approaches import TouchOffer
+from palpate.core.explore.planners.surface import ObservedSurface, Progress
 from palpate.core.explore.planners.verdict import judge
 from palpate.core.plugins import Range, check_ranges
 
