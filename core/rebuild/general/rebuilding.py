@@ -40,8 +40,8 @@ VOXELS = 0.57  # Edge of the coarse solid's voxels, of a cell
 FOOT = 0.5  # Cells over the lowest touches: those below, inside too, belong to the band
 BAND = 1.0  # Cells to both sides of the surface as it is known
 SEARCHED = 4.0  # Cells to both sides of the coarse solid's, where an earlier spline is asked
-# So many cells outside the coarse solid, in swept space or so many from touch, an earlier spline's
-# surface is not gone on with: a lid over a hollow, say, into which fingers have been since.
+# So many cells outside the coarse solid, and so many from touch, an earlier spline's surface is not
+# gone on with: a lid over a hollow, say, into which fingers have been since.
 OUTSIDE, UNTOUCHED = 1.0, 2.0
 LACKED = 3.0  # Cells from an earlier spline's, from which on its object may have other surface
 SPREAD, LEAST_SPREAD, MOST_SPREAD = 0.35, 3.0e-3, 12.0e-3  # Of the way between touches, and m
@@ -142,8 +142,7 @@ def rebuild_general(
         placed = np.zeros(0, np.int32) if placement is None else placement
         if placed.any():
             pose = max(pose, MOTIONS.least_pose)
-        swept = none if free is None else free
-        setting = Setting(touched, coarse, swept, beside, below, platform, pose, following, placed)
+        setting = Setting(touched, coarse, beside, below, platform, pose, following, placed)
         before = None if start is None else Spline(start.cell, start.fit)
         if before is None and cell < solid.COARSE:
             before = setting.fit(solid.COARSE, None, 1).spline
@@ -239,7 +238,6 @@ class Setting(NamedTuple):
 
     touched: ContactPoints
     coarse: CoarseSolid
-    free: Floats  # Places that a finger has swept, (k, 3)
     spanned: Floats  # Behind which the surface lies, (l, 3)
     below: Floats  # Places where an underside is taken for flat, (j, 3)
     platform: float | None
@@ -348,7 +346,7 @@ def _surface_cells(
             middles[close][~known] * (cell / before.cell), distance_upper_bound=LACKED
         )
         there[~known] = np.where(beside[0] < LACKED, np.inf, distances[close][~known])
-        gone = (distances[close] > OUTSIDE) & _are_open(setting, middles[close], cell)
+        gone = (distances[close] > OUTSIDE) & _are_untouched(setting, middles[close], cell)
         distances[close] = np.where(gone, distances[close], there)
     near = np.abs(distances) < BAND
     if standing:  # where it ends is for the spline to say, not for the mirrored coarse solid
@@ -358,18 +356,14 @@ def _surface_cells(
     if before is not None:
         crossed = _crossed_places(before.fit) * (before.cell / cell)
         outside = coarse.at(crossed * cell + setting.origin) / cell > OUTSIDE
-        found.append(crossed[~(outside & _are_open(setting, crossed, cell))])
+        found.append(crossed[~(outside & _are_untouched(setting, crossed, cell))])
     return np.asarray(np.floor(np.concatenate(found)), np.int32)
 
 
-def _are_open(setting: Setting, places: Floats, cell: float) -> Bools:
-    """Whether the cells of places (n, 3), in cells, lie far from touch, or a finger swept them."""
+def _are_untouched(setting: Setting, places: Floats, cell: float) -> Bools:
+    """Whether places (n, 3), in cells, lie far from touch: only there the coarse solid tells."""
     touched = (setting.touched.points - setting.origin) / cell
-    found = np.asarray(scipy.spatial.cKDTree(touched).query(places)[0] > UNTOUCHED)
-    if len(setting.free):
-        swept = np.unique(np.floor((setting.free - setting.origin) / cell), axis=0)
-        found |= scipy.spatial.cKDTree(swept).query(np.floor(places))[0] < 0.5
-    return found
+    return np.asarray(scipy.spatial.cKDTree(touched).query(places)[0] > UNTOUCHED)
 
 
 def _crossed_places(fit: ImplicitFit) -> Floats:
