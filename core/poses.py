@@ -136,7 +136,7 @@ def rotation_angle(first: Floats, second: Floats) -> float:
 
 def rotations_from_vectors(vectors: Floats) -> Floats:
     """Rotation matrices (b, 3, 3) of rotation vectors (b, 3), rad: Rodrigues's formula by sinc."""
-    cross = _cross_matrices(vectors)
+    cross = cross_matrices(vectors)
     angle = np.sqrt(np.einsum("bi,bi->b", vectors, vectors))[:, None, None]
     half = np.sinc(angle / (2.0 * np.pi))
     result: Floats = np.eye(3) + np.sinc(angle / np.pi) * cross + 0.5 * half**2 * cross @ cross
@@ -148,7 +148,7 @@ def right_jacobians(vectors: Floats) -> Floats:
 
     With R the rotation of v and J this matrix, that of v + dv is R times that of J dv.
     """
-    cross = _cross_matrices(vectors)
+    cross = cross_matrices(vectors)
     square = np.einsum("bi,bi->b", vectors, vectors)[:, None, None]
     angle = np.sqrt(square)
     half = np.sinc(angle / (2.0 * np.pi))
@@ -160,7 +160,7 @@ def right_jacobians(vectors: Floats) -> Floats:
     return result
 
 
-def _cross_matrices(vectors: Floats) -> Floats:
+def cross_matrices(vectors: Floats) -> Floats:
     """Matrices (b, 3, 3) of the vector products with vectors (b, 3)."""
     x, y, z = vectors.T
     none = np.zeros_like(x)

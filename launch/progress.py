@@ -64,6 +64,7 @@ class Progress:
     """Everything worth telling while a run goes on and when it is over."""
 
     contacts: int = 0  # Contacts of the closing hand
+    turns: int = 0  # Times that the object was turned over
     contours: int = 0  # Contours traced, those with gaps that the pad cannot reach among them
     failed: int = 0  # Slices of which nothing came
     done: PlanDone | None = None  # Why the exploration was over
@@ -172,6 +173,8 @@ class ProgressWatcher(Watcher):
         if isinstance(message, (Contour, Probe)):
             progress.touches += message.touches
             progress.reports.append((progress.wall, progress.touches))
+        elif isinstance(message, Turned):
+            progress.turns = message.placement
         elif isinstance(message, GraspContacts):
             progress.contacts += len(message.points)
         elif isinstance(message, ShapeModel):

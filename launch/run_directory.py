@@ -269,7 +269,7 @@ def summarise(ending: Ending, progress: Progress, scene: str | None, seed: int |
         "method": model and model.method,
         "rejected": [] if model is None else list(model.rejected),
         "predicted_m": {} if model is None else dict(sorted(model.predicted.items())),
-        "turns": 0 if model is None else len(model.placements),
+        "turns": progress.turns,
         "placements": [] if model is None else model.placements.tolist(),
         "placement_errors_m": [] if model is None else model.placement_errors.tolist(),
         "placement_faults": [] if model is None else list(model.placement_faults),

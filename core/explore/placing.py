@@ -1,7 +1,6 @@
 """How an object lies that was turned over: its pose, from a few contacts and the solid as known.
 
 It was set down on another side, by a hand that errs, with a turn about the vertical that nobody
-kIt was set down on another side, by a hand that errs, with a turn about the vertical that nobody
 knows, and may have rolled onto a side that nobody asked for. So each side on which the solid may
 rest is tried at even azimuths. From there contacts are brought onto the surface, by their
 distances from its tangent planes and by the angles between normals (Chen and Medioni, *Object
@@ -21,7 +20,13 @@ import numpy as np
 from palpate.core.arrays import Floats
 from palpate.core.geometry import RestingSolid, point_tree, rotation_between
 from palpate.core.least_squares import Solutions, cauchy_loss, levenberg_marquardt
-from palpate.core.poses import Pose, right_jacobians, rotation_angle, rotations_from_vectors
+from palpate.core.poses import (
+    Pose,
+    cross_matrices,
+    right_jacobians,
+    rotation_angle,
+    rotations_from_vectors,
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -40,9 +45,7 @@ class PlacingSettings:
     outlier: float = 3.0  # deviations from which on a contact counts as an outlier
     same_angle: float = math.radians(8.0)  # poses turned by less are one [rad]
     # Costs are negative logarithms of likelihoods, half the squares of what is off.
-    rocked_angle: float = math.radians(
-        10.0
-    )  # leaning more from what was asked, it has rocked [rad]
+    rocked_angle: float = math.radians(10.0)  # leaning more than asked, it has rocked [rad]
     rocked_cost: float = 4.0  # of that: it happens in a few of a hundred turns
     same_cost: float = 4.0  # poses are as good as the best if their cost is larger by no more
     max_cost: float = 2.0  # of each contact, of the best pose: beyond it the pose is not known
@@ -200,15 +203,8 @@ class _Registration:
         along = there / errors[..., None]
         local = np.cross(self.points - self.middle, along @ rotations)
         by_place = np.concatenate([local @ bends, along], axis=2)
-        by_normal = -rotations[:, None] @ _crosses(self.normals) @ bends[:, None]
+        by_normal = -rotations[:, None] @ cross_matrices(self.normals) @ bends[:, None]
         by_normal = np.concatenate([by_normal, np.zeros_like(by_normal)], axis=3)
         by_normal = by_normal.reshape(len(turns), -1, 6) / self.settings.normal_error
         residuals = np.concatenate([off, apart.reshape(len(turns), -1)], axis=1)
         return residuals, np.concatenate([by_place, by_normal], axis=1)
-
-
-def _crosses(vectors: Floats) -> Floats:
-    """Matrices (n, 3, 3) of the vector products with vectors (n, 3)."""
-    x, y, z = vectors.T
-    none = np.zeros_like(x)
-    return np.moveaxis(np.array([[none, -z, y], [z, none, -x], [-y, x, none]]), 2, 0)

@@ -14,7 +14,7 @@ import numpy as np
 import scipy
 
 from palpate.core.arrays import Floats, Ints, finite_array
-from palpate.core.poses import axes_along
+from palpate.core.poses import axes_along, cross_matrices
 
 LEANS = 8  # Directions in which a solid is leant
 SAME_SIDE = np.radians(20.0)  # Angle between facets of what is one side of a round solid
@@ -106,6 +106,5 @@ def rotation_between(before: Floats, after: Floats) -> Floats:
         across = np.cross(before, np.eye(3)[int(np.argmin(np.abs(before)))])
         across /= np.linalg.norm(across)
         return np.asarray(2.0 * np.outer(across, across) - np.eye(3))
-    x, y, z = axis.tolist()
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    cross = cross_matrices(axis[None])[0]
     return np.asarray(np.eye(3) + cross + cross @ cross / (1.0 + cosine))

@@ -55,9 +55,8 @@ def choose_turn(
     total = float(np.maximum(hidden, tolerance**2).sum())
     hidden[surface.reached | (hidden < tolerance**2)] = 0.0
     least = settings.min_gain * total
-    if (
-        underside and places.flat.any()
-    ):  # it comes first: each place of it counts more than all others
+    if underside and places.flat.any():
+        # It comes first: each place of it counts more than all others together.
         least, hidden = 1.0, np.where(places.flat, 2.0, hidden / total)
     elif not underside:
         hidden[places.flat] = 0.0
