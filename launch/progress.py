@@ -166,6 +166,10 @@ class ProgressWatcher(Watcher):
             setattr(progress, LAST_KEPT[type(message)], message)
         if isinstance(message, (Contour, Probe, GraspContacts, Turned)):
             progress.robot_time = max(progress.robot_time, message.robot_time)
+        if isinstance(
+            message, (Probe, Turned)
+        ):  # who turns it by hand says so with what is touched
+            progress.turns = max(progress.turns, message.placement)
         if isinstance(message, Contour):
             traced = message.status in TRACED_STATUSES and len(message.points) > 0
             progress.contours += traced
@@ -173,8 +177,6 @@ class ProgressWatcher(Watcher):
         if isinstance(message, (Contour, Probe)):
             progress.touches += message.touches
             progress.reports.append((progress.wall, progress.touches))
-        elif isinstance(message, Turned):
-            progress.turns = message.placement
         elif isinstance(message, GraspContacts):
             progress.contacts += len(message.points)
         elif isinstance(message, ShapeModel):

@@ -2,6 +2,8 @@
 
 It gives out no goals. When a driver says that no more frames will come, it asks the reconstructor
 for a solid of all of them, says how good that is and where touches are missing, and ends the graph.
+Where somebody turned the object over, it asks for a solid of each placement before: where the next
+one's touches fit it tells how the object lay then.
 """
 
 from __future__ import annotations
@@ -16,6 +18,7 @@ from msgspec import Meta, Struct
 from palpate.core.arrays import Floats
 from palpate.core.explore import FEATURE_SHARE
 from palpate.core.explore.planners import Findings, Limits
+from palpate.core.poses import Pose
 from palpate.core.touch import HITS
 from palpate.messages.types import (
     ModelGoal,
@@ -92,6 +95,11 @@ class State:
         counts = [one[:2] for one in self.goals.values()]
         return sum(one[0] for one in counts), sum(one[1] for one in counts)
 
+    @property
+    def turns(self) -> int:
+        """How often the object was turned over."""
+        return max((one[2].placement for one in self.goals.values()), default=0)
+
 
 def know_sensor(params: Params, state: State, info: SensorInfo) -> tuple[State, Outputs]:
     """Remember the sensor."""
@@ -131,11 +139,17 @@ def _when_complete(params: Params, state: State, outputs: Outputs) -> tuple[Stat
             f"{COLLECTING.max_reach:g} m: are the poses in m, and the platform?"
         )
         world = replace(world, reach=COLLECTING.max_reach)
+    if state.turns and params.platform is None:
+        why = (
+            "the object was turned over, but nobody knows on what it stood: say at which height "
+            "the platform is, platform:=0 for instance"
+        )
     state = replace(state, world=world, over=bool(why))
     outputs.append(("/world", world))
     if why:
         return _ended(state, outputs, _done(params, replace(_goal(state), probes=()), why))
-    return state, [*outputs, ("/model/goal", _goal(state))]
+    earlier = [_goal(state, placement) for placement in range(1, state.turns + 1)]
+    return state, [*outputs, *(("/model/goal", goal) for goal in (*earlier, _goal(state)))]
 
 
 def _probe(goal: int, entry: tuple[int, int, SurfacePatch]) -> tuple[str, Probe]:
@@ -143,6 +157,7 @@ def _probe(goal: int, entry: tuple[int, int, SurfacePatch]) -> tuple[str, Probe]
     probe = Probe(
         id=goal,
         finger=last.finger,
+        placement=last.placement,
         outcome=last.outcome,
         point=last.pose[:3],
         normal=last.normal,
@@ -170,37 +185,49 @@ def _world(params: Params, state: State) -> World:
     )
 
 
-def _goal(state: State) -> ModelGoal:
-    """All touches, for the one model that there is."""
+def _goal(state: State, placement: int | None = None) -> ModelGoal:
+    """All touches; or those up to a placement, from which it is to be told how the object lay."""
     assert state.end is not None
+    last = state.turns if placement is None else placement
+    goals = {goal: one for goal, one in sorted(state.goals.items()) if one[2].placement <= last}
     return ModelGoal(
-        number=1,
+        number=state.turns + 1 if placement is None else placement,
         contours=(),
-        probes=tuple(sorted(goal for goal, one in state.goals.items() if one[1])),
-        missed=tuple(sorted(goal for goal, one in state.goals.items() if not one[1])),
+        probes=tuple(goal for goal, one in goals.items() if one[1]),
+        missed=tuple(goal for goal, one in goals.items() if not one[1]),
         general=True,
         closings=0,
-        final=True,
-        touches=state.touches[0],
+        final=placement is None,
+        touches=sum(one[0] for one in goals.values()),
         robot_time=state.end.robot_time,
     )
 
 
 def take_model(params: Params, state: State, model: ShapeModel) -> tuple[State, Outputs]:
-    """Judge the model, and end; that nothing was rebuilt of nothing is told already."""
-    if state.over:
+    """Judge the last model, and end; that nothing was rebuilt of nothing is told already."""
+    if state.over or not model.final:
         return state, []
     assert state.pad is not None and state.world is not None
     frames, met = state.touches
     asked = params.limits
     distance = COLLECTING.named_distance if asked.feature is None else asked.unknown_distance
-    surface = observed_surface(model, state.pad, state.world, distance)
+    pose = Pose.from_array(model.placements[-1]) if len(model.placements) else None
+    surface = observed_surface(model, state.pad, state.world, distance, pose=pose)
     if surface is None:
         why = f"what {met} of {frames} frames touched lies in one plane: touch other sides, too"
         reason = "; ".join(model.rejected) or why
         return _ended(state, [], _done(params, _goal(state), reason))
     reason = f"all {frames} frames were used, {met} of which show a contact"
+    if len(model.placements) < state.turns:
+        fault = "; ".join(model.placement_faults[-1:])
+        turn = f"those since it was turned over {_times(len(model.placements) + 1)} are left out"
+        reason = f"{turn}: {fault or 'no solid of those before tells how it lay'}"
     return _ended(state, [], _done(params, _goal(state), reason, surface))
+
+
+def _times(count: int) -> str:
+    """How often, in words."""
+    return "once" if count == 1 else f"{count} times"
 
 
 def _done(

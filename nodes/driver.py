@@ -55,11 +55,12 @@ def open_file(params: Params) -> Iterator[Timed | Finished | None]:
     if times is None:
         times = np.arange(len(frames.images)) / params.rate
     yield Timed(0.0, "/touch/info", sensor_info(params))
-    time = 0.0
+    time, placements = 0.0, frames.placements.tolist()
     for touch, time in enumerate((times - times[0]).tolist()):
         due = 0.0 if params.at_once else time
-        pose, image = frames.poses[touch], frames.images[touch]
-        yield Timed(due, "/touch/raw", tactile_frame(params, touch, time, pose, image))
+        pose, image, placement = (one[touch] for one in (frames.poses, frames.images, placements))
+        frame = tactile_frame(params, touch, time, pose, image, placement)
+        yield Timed(due, "/touch/raw", frame)
     ended = SequenceEnd(frames=len(frames.images), robot_time=time)
     yield Timed(0.0 if params.at_once else time, "/touch/end", ended)
     yield Finished(f"published the {len(frames.images)} frames of {params.path}")

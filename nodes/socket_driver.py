@@ -19,6 +19,7 @@ from palpate.nodes.specs.frames import (
     SensorParams,
     is_header,
     parse_row,
+    placement_column,
     sensor_info,
     tactile_frame,
 )
@@ -64,18 +65,21 @@ def listen(params: Params) -> Iterator[Timed | Finished | None]:
     """
     yield Timed(0.0, "/touch/info", sensor_info(params))
     touch, shape, began, first = 0, (params.sensor.rows, params.sensor.cols), 0.0, True
-    time = 0.0
+    time, column, placement = 0.0, None, 0
     for line in _lines(params.address):
         if line is None:
             yield None
             continue
         header, first = first and is_header(line), False
+        if header:
+            column = placement_column(line)
         if header or not line.strip():
             continue
-        row = parse_row(line, f"{params.address}: frame {touch}", shape)
+        row = parse_row(line, f"{params.address}: frame {touch}", shape, column, placement)
+        placement = row.placement
         time = touch / params.rate if row.time is None else row.time
         began = time if touch == 0 else began
-        frame = tactile_frame(params, touch, time - began, row.pose, row.image)
+        frame = tactile_frame(params, touch, time - began, row.pose, row.image, placement)
         yield Timed(0.0, "/touch/raw", frame)
         touch += 1
     yield Timed(0.0, "/touch/end", SequenceEnd(frames=touch, robot_time=time - began))

@@ -34,7 +34,7 @@ class PlacingSettings:
     """How the pose of an object that was turned over is looked for."""
 
     n_azimuths: int = 36  # turns about the vertical from which each side is tried
-    max_rests: int = 24  # sides that are tried, those nearest to the one asked for
+    max_rests: int = 24  # sides that are tried, those nearest to the one asked for, if any
     rest_spacing: float = math.radians(12.0)  # sides that differ by less are tried as one [rad]
     coarse_steps: int = 12  # of all starts
     n_best: int = 12  # poses, no two of them alike, that are followed to the end
@@ -77,14 +77,15 @@ def place_object(
     resting: RestingSolid,
     points: Floats,
     normals: Floats,
-    asked: Floats,
+    asked: Floats | None,
     platform: float,
     settings: PlacingSettings = PLACING,
 ) -> Placement | None:
     """How it lies, or None where the contacts fit it nowhere.
 
     `resting`: the solid's hull, in its own frame. `points`, `normals` (n, 3): contacts in the world
-    [m]. `asked` (3, 3): the rotation that it was to be given. `platform`: height on which it lies.
+    [m]. `asked` (3, 3): the rotation that it was to be given; None if nobody asked for one.
+    `platform`: height on which it lies.
     """
     if len(points) < settings.min_contacts:
         return None
@@ -96,9 +97,10 @@ def place_object(
     starts = [found[one] for one in best]
     fine = problem.solve(starts, settings.fine_steps)
     poses = [problem.pose(*one) for one in zip(starts, fine.parameters, strict=True)]
-    upright = np.array([one.axes[2] @ asked[2] for one in poses])
-    rocked = upright < math.cos(settings.rocked_angle)
-    costs = fine.cost + settings.rocked_cost * rocked
+    costs = fine.cost.copy()
+    if asked is not None:
+        upright = np.array([one.axes[2] @ asked[2] for one in poses])
+        costs += settings.rocked_cost * (upright < math.cos(settings.rocked_angle))
     first, *others = _unlike(poses, costs, settings.same_angle)
     if not fine.cost[first] <= settings.max_cost * len(points):
         return None
@@ -119,17 +121,24 @@ def _unlike(poses: list[Pose], costs: Floats, same_angle: float) -> list[int]:
 
 
 def _starts(
-    resting: RestingSolid, points: Floats, asked: Floats, platform: float, settings: PlacingSettings
+    resting: RestingSolid,
+    points: Floats,
+    asked: Floats | None,
+    platform: float,
+    settings: PlacingSettings,
 ) -> list[Pose]:
     """Poses of the object on each of its sides, turned about the vertical, amid the contacts."""
-    down = -asked[2]  # downwards in the object's frame
+    sides, first = [one.down for one in resting.rests], list[Floats]()
+    if asked is not None:
+        first = [-asked[2]]  # downwards in the object's frame
+        sides.sort(key=lambda one: -float(one @ first[0]))
     rests: list[Floats] = []
-    for rest in sorted(resting.rests, key=lambda one: -float(one.down @ down)):
-        if all(one @ rest.down < math.cos(settings.rest_spacing) for one in rests):
-            rests.append(rest.down)
+    for side in sides:
+        if all(one @ side < math.cos(settings.rest_spacing) for one in rests):
+            rests.append(side)
     middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
     poses = []
-    for one in [down, *rests[: settings.max_rests]]:
+    for one in [*first, *rests[: settings.max_rests]]:
         level = rotation_between(one, np.array([0.0, 0.0, -1.0]))
         for azimuth in 2.0 * math.pi * np.arange(settings.n_azimuths) / settings.n_azimuths:
             axes = rotations_from_vectors(np.array([[0.0, 0.0, azimuth]]))[0] @ level

@@ -34,6 +34,7 @@ from palpate.nodes.rebuilding.received import (
     closings_in,
     contacts_in,
     known_space,
+    placements_of,
     spanned_by,
     touched_goals,
     touched_points,
@@ -187,7 +188,7 @@ def _candidates(state: State, goal: Goal, step: Steps) -> Candidates:
     before = next((one for one in reversed(state.history) if one.number < goal.number), None)
     known = Placements() if before is None else fitted_solids(state, before, step).placements
     found = _fitted(state, known.poses, goal, step)
-    if found.general is None or not state.turns:
+    if found.general is None or not placements_of(state):
         return replace(found, placements=known)
     with step("placement"):
         placements = located(state, goal, found.general.solid, known)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -20,41 +21,59 @@ from palpate.core.poses import Pose
 from palpate.core.rebuild import GeneralSolid
 from palpate.core.rebuild.contours import ContactPoints, stack_points
 from palpate.nodes.rebuilding.candidates import Placements
-from palpate.nodes.rebuilding.received import Goal, State, closings_in
+from palpate.nodes.rebuilding.received import (
+    Goal,
+    State,
+    closings_in,
+    placements_of,
+    touches_in,
+)
 
-PLACES = 12_000  # Of the solid's surface, onto which contacts are brought
-STANDING = 0.2e-3  # Of a face over the platform that belongs to the underside, m
-UNDERSIDE_AREA = 12.0e-6  # For which one place of the underside stands, m^2
-MISTAKEN_PLACES = 2_000  # At which the solid is held against itself, turned
-OTHERWISE = math.radians(10.0)  # Between the side asked for and the one it lies on: it is told
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LocatingSettings:
+    """How placements are found and told."""
+
+    places: int = 12_000  # of the solid's surface, onto which contacts are brought
+    most_touches: int = 96  # that tell of a placement of which no hand has told
+    standing: float = 0.2e-3  # [m] faces lower than this over the platform are the underside
+    underside_area: float = 12.0e-6  # [m^2] for which one place of the underside stands
+    mistaken_places: int = 2_000  # at which the solid is compared with itself, turned
+    otherwise: float = math.radians(10.0)  # [rad] a larger lean from what was asked is told
+
+
+LOCATING = LocatingSettings()
 
 
 def underside_of(solid: GeneralSolid) -> Floats:
     """Places (k, 3) evenly over what a solid stands on; none if it is held."""
     mesh = solid.rough_mesh
     corners = mesh.vertices[mesh.faces]
-    standing = corners[:, :, 2].max(axis=1) <= (solid.platform or 0.0) + STANDING
+    standing = corners[:, :, 2].max(axis=1) <= (solid.platform or 0.0) + LOCATING.standing
     area = float(areas_and_normals(corners[standing])[0].sum())
     if solid.platform is None or not area > 0.0:
         return np.zeros((0, 3))
-    count = math.ceil(area / UNDERSIDE_AREA)
+    count = math.ceil(area / LOCATING.underside_area)
     return sample_surface(corners[standing], count, np.random.default_rng(0)).points
 
 
 def located(state: State, goal: Goal, solid: GeneralSolid, known: Placements) -> Placements:
-    """The placements with those since, of which the hand has told, as far as it tells."""
+    """The placements with those since, as far as the hand tells, or touches where it was none's."""
     poses, errors, faults, others = map(list[Any], known[:4])
     lost = tuple[str, ...]()
-    for number in range(len(poses) + 1, max(state.turns) + 1):
-        closings = closings_in(state, goal, number)
+    for number in range(len(poses) + 1, placements_of(state) + 1):
+        closings, asked = closings_in(state, goal, number), state.turns.get(number)
+        if asked is None:
+            touches = touches_in(state, goal, number)
+            closings = touches[:: math.ceil(len(touches) / LOCATING.most_touches) or 1]
         if not closings or state.platform is None:
             break
-        contacts, asked = stack_points(closings), state.turns[number]
+        contacts, who = stack_points(closings), "touches" if asked is None else "contacts"
         found = _place(solid, contacts, asked, state.platform)
         if found is None:
-            lost = (f"its {len(contacts.points)} contacts of the hand fit the solid nowhere",)
+            lost = (f"its {len(contacts.points)} {who} fit the solid nowhere",)
             break
-        faults += _told(found, asked)
+        faults += _told(found, asked, who)
         poses.append(found.pose)
         errors.append(found.error)
         others.append(found.alternatives)
@@ -63,27 +82,28 @@ def located(state: State, goal: Goal, solid: GeneralSolid, known: Placements) ->
 
 
 def _place(
-    solid: GeneralSolid, contacts: ContactPoints, asked: Pose, platform: float
+    solid: GeneralSolid, contacts: ContactPoints, asked: Pose | None, platform: float
 ) -> Placement | None:
     assert contacts.normals is not None
     mesh = solid.rough_mesh
     corners = mesh.vertices[mesh.faces]
-    places, faces = sample_surface(corners, PLACES, np.random.default_rng(0))
+    places, faces = sample_surface(corners, LOCATING.places, np.random.default_rng(0))
     errors = solid.expected_errors(places)[0]
     surface = KnownSurface(places, areas_and_normals(corners)[1][faces], errors)
     resting = RestingSolid(mesh.vertices, mesh.faces)
     met = contacts.points, contacts.normals
-    return place_object(surface, resting, *met, asked.axes, platform)
+    return place_object(surface, resting, *met, None if asked is None else asked.axes, platform)
 
 
-def _told(found: Placement, asked: Pose) -> list[str]:
+def _told(found: Placement, asked: Pose | None, who: str) -> list[str]:
     """What a person should know of a placement, a sentence each."""
-    told = []
-    lean = float(np.arccos(np.clip(found.pose.axes[2] @ asked.axes[2], -1.0, 1.0)))
-    if lean > OTHERWISE:
+    told, lean = [], 0.0
+    if asked is not None:
+        lean = float(np.arccos(np.clip(found.pose.axes[2] @ asked.axes[2], -1.0, 1.0)))
+    if lean > LOCATING.otherwise:
         told.append(f"it lies {math.degrees(lean):.0f} degrees otherwise than asked")
     if found.alternatives:
-        told.append(f"its contacts fit {len(found.alternatives) + 1} ways to lie: it looks alike")
+        told.append(f"its {who} fit {len(found.alternatives) + 1} ways to lie: it looks alike")
     return told
 
 
@@ -97,7 +117,7 @@ def mistaken_error(solid: GeneralSolid, placements: Placements) -> float:
         return 0.0
     mesh = solid.rough_mesh
     corners = mesh.vertices[mesh.faces]
-    places = sample_surface(corners, MISTAKEN_PLACES, np.random.default_rng(0)).points
+    places = sample_surface(corners, LOCATING.mistaken_places, np.random.default_rng(0)).points
     search, own = nearest_search(corners), 2.0 * np.square(solid.expected_errors(places)[0]).mean()
     worst = 0.0
     for pose, others in zip(placements.poses, placements.alternatives, strict=True):

@@ -194,3 +194,22 @@ def closings_in(state: State, goal: Goal, placement: int) -> list[ContactPoints]
         if state.closing_placements.get(number, 0) == placement
         and len(state.contacts[number].points)
     ]
+
+
+def touches_in(state: State, goal: Goal, placement: int) -> list[ContactPoints]:
+    """One contact of each touch of a set in a placement, in the world as it was then."""
+    ids = [id_ for id_ in touched_goals(goal) if state.placements.get(id_, 0) == placement]
+    return [_middle(one) for id_ in ids for one in touches_of(state, id_) if len(one.points)]
+
+
+def _middle(touched: ContactPoints) -> ContactPoints:
+    """The point of a touch that lies nearest to the mean of all."""
+    assert touched.normals is not None
+    far = np.linalg.norm(touched.points - touched.points.mean(axis=0), axis=1)
+    one = slice(int(far.argmin()), int(far.argmin()) + 1)
+    return ContactPoints(touched.points[one], touched.normals[one], touched.touch[one])
+
+
+def placements_of(state: State) -> int:
+    """How often the object was turned over, as far as goals of turns and touches tell."""
+    return max((*state.turns, *state.placements.values()), default=0)

@@ -1,6 +1,8 @@
 """Tactile frames from a file or a line of text, and as the messages that drivers publish.
 
 A line holds maybe a time, then the pad's pose x, y, z, qx, qy, qz, qw, then the taxels row by row.
+A column that the header calls ``placement``, wherever it stands, counts how often the object had
+been turned over.
 """
 
 from __future__ import annotations
@@ -17,21 +19,24 @@ import numpy as np
 from msgspec import Meta, Struct
 from numpy.typing import NDArray
 
-from palpate.core.arrays import Floats
+from palpate.core.arrays import Floats, Ints
 from palpate.core.poses import Pose
 from palpate.core.touch import CONTACT, contact_mask
 from palpate.messages.types import SensorInfo, SequenceEnd, TactileFrame
 from palpate.nodes.specs import sensors
 
 MAX_FILE_BYTES = 256 << 20  # Largest file, also when it is unpacked
-# Arrays of an NPZ file, and their dimensions; the times may be missing.
-NPZ_ARRAYS = {"frames": 3, "poses": 2, "times": 1}
+# Arrays of an NPZ file, and their dimensions; times and placements may be missing.
+NPZ_ARRAYS = {"frames": 3, "poses": 2, "times": 1, "placements": 1}
+PLACEMENT = "placement"  # What the header calls its column
 POSE_NUMBERS = 7  # Numbers of a pose: x, y, z in m, and a quaternion x, y, z, w
 MIN_SIDE, MAX_SIDE = 4, 64  # Rows or columns of an array
 QUATERNION_TOLERANCE = 0.01  # A quaternion may be rounded; its length is 1 within this
 ArraySize = tuple[int, int]
 # Frames of a sequence that make a goal; a message lists 4096 goals at most.
 FRAMES_A_GOAL, MOST_FRAMES = 25, 100_000
+GOALS_A_PLACEMENT = MOST_FRAMES // FRAMES_A_GOAL
+MOST_TURNS = 8  # Times that an object is turned over
 # Topics of every driver.
 DRIVER_OUTPUTS: dict[str, type] = {
     "/touch/info": SensorInfo,
@@ -48,6 +53,7 @@ class FrameSequence(NamedTuple):
     # (n, 7).
     poses: Floats
     times: Floats | None  # When each was taken, (n,), s; None if the file does not say
+    placements: Ints  # How often the object had been turned over before each, (n,)
 
 
 def read_frames(
@@ -56,8 +62,8 @@ def read_frames(
     """The frames of a file, whose array, if it is a CSV file, is square or of a given size.
 
     A ``.csv`` has a frame a line: x, y, z, qx, qy, qz, qw and the values row by row, maybe with a
-    time before them, maybe under a header. An ``.npz`` has ``frames`` (n, rows, cols), ``poses``
-    (n, 7) and maybe ``times`` (n,).
+    time before them, maybe under a header, which may name a column ``placement``. An ``.npz`` has
+    ``frames`` (n, rows, cols), ``poses`` (n, 7) and maybe ``times`` (n,) and ``placements`` (n,).
 
     ValueError with file and line, if it cannot be read, is too large, or a frame is none.
     """
@@ -94,14 +100,32 @@ def _of_npz(data: bytes, path: Path) -> FrameSequence:
         if name not in found:
             raise ValueError(f"{path}: lacks the array {name!r}")
     images, poses, times = found["frames"], found["poses"], found.get("times")
-    wanted = {"poses": (len(images), POSE_NUMBERS), "times": (len(images),)}
+    count = len(images)
+    wanted = {"poses": (count, POSE_NUMBERS), "times": (count,), "placements": (count,)}
     for name, shape in wanted.items():
         if name in found and found[name].shape != shape:
             raise ValueError(f"{path}: {name} has shape {found[name].shape}; expected {shape}")
     if times is not None and (np.diff(times) < 0.0).any():
         raise ValueError(f"{path}: times must not fall")
     turned = [unit_pose(pose, f"{path}: poses[{i}]") for i, pose in enumerate(poses)]
-    return FrameSequence(images, np.array(turned).reshape(-1, POSE_NUMBERS), times)
+    placements, before = list[int](), 0
+    for i, value in enumerate(found.get("placements", np.zeros(count)).tolist()):
+        before = next_placement(value, before, f"{path}: placements[{i}]")
+        placements.append(before)
+    unit = np.array(turned).reshape(-1, POSE_NUMBERS)
+    return FrameSequence(images, unit, times, np.array(placements, np.int32))
+
+
+def next_placement(value: float, before: int, where: str) -> int:
+    """The placement of a frame; ValueError where it does not follow that of the frame before."""
+    if value not in (before, before + 1):
+        raise ValueError(
+            f"{where}: the placement is {value:g} after {before}; expected {before}, or "
+            f"{before + 1} once the object was turned over"
+        )
+    if value > MOST_TURNS:
+        raise ValueError(f"{where}: the placement is {value:g}; expected {MOST_TURNS} at most")
+    return int(value)
 
 
 def _arrays(data: bytes, path: Path) -> dict[str, NDArray[Any]]:
@@ -123,11 +147,13 @@ def _of_csv(data: bytes, path: Path, shape: ArraySize | None) -> FrameSequence:
     except UnicodeDecodeError as error:
         raise ValueError(f"{path}: is not text in UTF-8: {error.reason}") from None
     published = [(number, line) for number, line in enumerate(lines, start=1) if line.strip()]
+    column = None
     if published and is_header(published[0][1]):
-        published = published[1:]
+        column, published = placement_column(published[0][1]), published[1:]
     found = list[FrameRow]()
     for number, line in published:
-        row = parse_row(line, f"{path}:{number}", shape)
+        before = found[-1].placement if found else 0
+        row = parse_row(line, f"{path}:{number}", shape, column, before)
         if found and (row.time is None) != (found[0].time is None):
             raise ValueError(f"{path}:{number}: not every line has a time; expected all or none")
         if found and row.time is not None and row.time < (found[-1].time or 0.0):
@@ -139,7 +165,8 @@ def _of_csv(data: bytes, path: Path, shape: ArraySize | None) -> FrameSequence:
         raise ValueError(f"{path}: holds no frames")
     times = None if found[0].time is None else np.array([row.time for row in found])
     poses = np.array([row.pose for row in found])
-    return FrameSequence(np.array([row.image for row in found]), poses, times)
+    placements = np.array([row.placement for row in found], np.int32)
+    return FrameSequence(np.array([row.image for row in found]), poses, times, placements)
 
 
 def _check(frames: FrameSequence, path: Path, shape: ArraySize | None) -> None:
@@ -159,14 +186,23 @@ class FrameRow(NamedTuple):
     time: float | None  # When the frame was taken, s; None if the line does not say
     pose: Floats  # Pose of the pad, (7,), its quaternion of length 1
     image: Floats  # What the taxels sent, (rows, cols)
+    placement: int = 0  # How often the object had been turned over before it
 
 
-def parse_row(text: str, where: str, shape: ArraySize | None) -> FrameRow:
+def parse_row(
+    text: str, where: str, shape: ArraySize | None, column: int | None = None, before: int = 0
+) -> FrameRow:
     """The frame in a line; where that stands is for complaints, None stands for a square array.
 
-    Raises ValueError if columns are another number, one is no finite number, or no quaternion.
+    `column`: of the placement, if there is one. `before`: the placement of the frame before.
+
+    Raises ValueError if columns are another number, one is no finite number, or no quaternion, or
+    if the placement does not follow the one before.
     """
-    cells = text.split(",")
+    cells, placement = text.split(","), before
+    if column is not None and column < len(cells):
+        value = _number(cells.pop(column))
+        placement = next_placement(math.nan if value is None else value, before, where)
     shape = shape or square_size(len(cells))
     if shape is None:
         raise ValueError(
@@ -181,7 +217,8 @@ def parse_row(text: str, where: str, shape: ArraySize | None) -> FrameRow:
         )
     values = _numbers(cells, where)
     time, rest = (float(values[0]), values[1:]) if len(cells) > wanted else (None, values)
-    return FrameRow(time, unit_pose(rest[:POSE_NUMBERS], where), rest[POSE_NUMBERS:].reshape(shape))
+    pose, image = unit_pose(rest[:POSE_NUMBERS], where), rest[POSE_NUMBERS:].reshape(shape)
+    return FrameRow(time, pose, image, placement)
 
 
 def square_size(columns: int) -> ArraySize | None:
@@ -220,6 +257,12 @@ def is_header(text: str) -> bool:
     return any(cell.strip() and _number(cell) is None for cell in text.split(","))
 
 
+def placement_column(header: str) -> int | None:
+    """Which column a header calls the placement; None if there is none."""
+    names = [cell.strip().lower() for cell in header.split(",")]
+    return names.index(PLACEMENT) if PLACEMENT in names else None
+
+
 def _number(cell: str) -> float | None:
     try:
         return float(cell)
@@ -247,13 +290,19 @@ def sensor_info(sensing: SensorParams) -> SensorInfo:
 
 
 def tactile_frame(
-    sensing: SensorParams, touch: int, time: float, pose: Floats, image: Floats
+    sensing: SensorParams,
+    touch: int,
+    time: float,
+    pose: Floats,
+    image: Floats,
+    placement: int = 0,
 ) -> TactileFrame:
     """One frame as a message.
 
     Frames count from 0; two of one number are one frame to the filter. The time is in s; the pad's
     pose is x, y, z in m, a quaternion x, y, z, w, and its z axis points into the object; the image
-    is what the taxels sent, in the driver's own unit. Raises ValueError if there are too many, or
+    is what the taxels sent, in the driver's own unit; the placement counts how often the object was
+    turned over before. Raises ValueError if there are too many, or
     the pad would be compressed by more than it is thick: then the unit is another.
     """
     if touch >= MOST_FRAMES:
@@ -273,9 +322,10 @@ def tactile_frame(
     bottomed = deepest >= pad.saturation * pad.thickness
     axes = Pose.from_array(pose).axes
     return TactileFrame(
-        goal=touch // FRAMES_A_GOAL,
+        goal=placement * GOALS_A_PLACEMENT + touch // FRAMES_A_GOAL,
         touch=touch % FRAMES_A_GOAL,
         finger=1,
+        placement=placement,
         direction=axes[:, 0].copy(),
         pose=np.array(pose, np.float64),
         outcome="bottomed" if bottomed else "hit" if pressed else "miss",

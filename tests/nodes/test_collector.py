@@ -7,12 +7,25 @@ from typing import Any
 import numpy as np
 import pytest
 
+from palpate.core.poses import Pose, rotation_angle, rotations_from_vectors
 from palpate.messages.types import PlanDone, SequenceEnd, ShapeModel
 from palpate.nodes import collector, reconstructor
 from palpate.nodes.runtime.node import Finished
 from palpate.nodes.runtime.testing import drive, example, messages_on
 from palpate.nodes.specs.frames import FRAMES_A_GOAL
-from tests.nodes.patches import DEPTH, INFO, RADIUS, Patches, ball_patches, patches_at
+from tests.nodes.patches import (
+    BLOCK_MIDDLE,
+    BLOCK_NORMALS,
+    BLOCK_OFFSETS,
+    DEPTH,
+    INFO,
+    RADIUS,
+    Patches,
+    ball_patches,
+    block_frames,
+    patches_at,
+    patches_of,
+)
 
 
 def collected(patches: Patches, *more: Any, count: int | None = None, **params: Any) -> list[Any]:
@@ -28,7 +41,7 @@ def solid(patches: Patches, **params: Any) -> tuple[Any, PlanDone]:
     world = [one for one in asked if one[0] == "/world"]
     rest = [one for one in asked if one[0] != "/world"]
     made = drive(reconstructor.NODE, [*world, INFO, *patches, *rest])
-    (model,) = messages_on(made, "/model/shape")
+    model = messages_on(made, "/model/shape")[-1]
     judged = collected(patches, ("/model/shape", model), **params)
     assert isinstance(judged[-1], Finished)
     return model, messages_on(judged, "/plan/done")[0]
@@ -113,3 +126,41 @@ def test_world_is_the_room_about_the_touches(platform: float | None, held: bool)
     assert (world.held, world.platform) == (held, pytest.approx(low, abs=1e-3))
     aside, up = np.hypot(1, 1) * (RADIUS - DEPTH + 0.02), RADIUS - DEPTH + 0.02 - low
     assert world.reach == pytest.approx(max(aside, up), rel=0.05)
+
+
+def turned_block(count: int) -> tuple[Pose, Patches]:
+    """How a block lay after it was set on its top, and touches of both placements."""
+    turn = rotations_from_vectors(np.array([[0.0, 0.0, 0.7], [np.pi, 0.0, 0.0]]))
+    lies = Pose(np.array([0.004, -0.003, 2.0 * BLOCK_MIDDLE[2]]), turn[0] @ turn[1])
+    frames = block_frames(60, Pose(np.zeros(3), np.eye(3)))
+    return lies, patches_of([*frames, *block_frames(count, lies, placement=1)])
+
+
+@pytest.mark.slow  # two fits, that of the second placement from nothing
+def test_touches_since_it_was_turned_over_tell_how_it_lies_and_what_it_stood_on():
+    lies, patches = turned_block(40)
+    model, done = solid(patches, platform=0.0, tolerance=5e-4)
+    (found,) = map(Pose.from_array, model.placements)
+    assert np.degrees(rotation_angle(found.axes, lies.axes)) < 1.0
+    off = ((model.vertices - BLOCK_MIDDLE) @ BLOCK_NORMALS.T - BLOCK_OFFSETS).max(axis=1)
+    assert np.median(np.abs(off)) < 0.15e-3 and model.placement_faults == ()
+    assert done.rms_bound_95 is not None and np.sqrt(np.mean(off**2)) < done.rms_bound_95
+    assert not done.under_share and done.open_share is not None and done.open_share < 0.02
+    assert done.reason.startswith("all ")
+
+
+@pytest.mark.slow
+def test_touches_that_fit_nowhere_since_it_was_turned_over_are_left_out():
+    frames = block_frames(60, Pose(np.zeros(3), np.eye(3)))
+    swollen = [(Pose(1.4 * pose.position, pose.axes), image, 1) for pose, image, _ in frames]
+    model, done = solid(patches_of([*frames, *swollen]), platform=0.0, tolerance=5e-4)
+    assert len(model.faces) and not len(model.placements)
+    assert done.reason.startswith("those since it was turned over once are left out: its ")
+
+
+def test_turned_object_needs_its_platform():
+    _, patches = turned_block(3)
+    [done] = messages_on(collected(patches), "/plan/done")
+    assert "say at which height the platform is, platform:=0" in done.reason
+    [goal, last] = messages_on(collected(patches, platform=0.0), "/model/goal")
+    assert (goal.final, last.final, goal.probes) == (False, True, last.probes)

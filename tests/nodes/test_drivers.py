@@ -43,6 +43,7 @@ PAD: dict[str, Any] = {"sensor": {"pad": {"radius": None}}}
 POSE = (0.1, 0.0, 0.0, 0.5, 0.5, 0.5, 0.5)
 SMALL = "0.1,0.2,0.3,0,0,0,1," + ",".join(map(str, range(16)))
 HEADER = "x,y,z,qx,qy,qz,qw," + ",".join(f"v{i}" for i in range(16))
+TURNED = f"placement,{HEADER}"
 UNITS, FRAMES = np.tile([0.0, 0, 0, 0, 0, 0, 1], (2, 1)), np.zeros((2, 4, 4))
 Write = Callable[[str, str], Path]
 
@@ -99,6 +100,19 @@ def test_every_square_array_is_told_from_its_columns():
         assert row.image.shape == (side, side) and row.time == (1.5 if time else None)
 
 
+@pytest.mark.parametrize("column", [0, 7, 23])
+def test_header_tells_which_column_counts_turns(write: Write, column: int):
+    def with_cell(line: str, cell: str) -> str:
+        cells = line.split(",")
+        return ",".join([*cells[:column], cell, *cells[column:]])
+
+    lines = [with_cell(HEADER, " Placement"), *(with_cell(SMALL, n) for n in "0011")]
+    frames = read_frames(write("f.csv", "\n".join(lines)))
+    assert frames.placements.tolist() == [0, 0, 1, 1]
+    assert frames.images[3].ravel().tolist() == list(range(16))
+    assert read_frames(write("f.csv", SMALL)).placements.tolist() == [0]
+
+
 def test_arrays_of_frames_are_read(tmp_path: Path):
     poses = np.tile(UNITS[0], (3, 1))
     arrays = {"frames": np.ones((3, 4, 6), np.int16), "poses": poses}
@@ -119,6 +133,11 @@ def test_arrays_of_frames_are_read(tmp_path: Path):
     ([f"1,{SMALL}", SMALL], ":2: not every line has a time; expected all or none"),
     ([], ": holds no frames"),
     ([HEADER], ": holds no frames"),
+    ([TURNED, f"0,{SMALL}", f"2,{SMALL}"], ":3: the placement is 2 after 0; expected 0, or 1 once"),
+    ([TURNED, f"1,{SMALL}", f"0,{SMALL}"], ":3: the placement is 0 after 1; expected 1, or 2 once"),
+    ([TURNED, f"0.5,{SMALL}"], ":2: the placement is 0.5 after 0"),
+    ([TURNED, f",{SMALL}"], ":2: the placement is nan after 0"),
+    ([TURNED, *(f"{n},{SMALL}" for n in range(10))], ":11: the placement is 9; expected 8 at most"),
 )
 def test_wrong_table_is_refused_with_its_line(write: Write, lines: list[str], words: str):
     with pytest.raises(ValueError, match=rf"f\.csv{words}"):
@@ -135,6 +154,10 @@ def test_wrong_table_is_refused_with_its_line(write: Write, lines: list[str], wo
     ({"frames": FRAMES, "poses": UNITS[:1]}, r"poses has shape \(1, 7\); expected \(2, 7\)"),
     ({"frames": FRAMES, "poses": UNITS, "times": [1.0]}, r"times has shape \(1,\); expected"),
     ({"frames": FRAMES, "poses": UNITS, "times": [1.0, 0.0]}, "times must not fall"),
+    (
+        {"frames": FRAMES, "poses": UNITS, "placements": [0, 2]},
+        r"placements\[1\]: the placement is",
+    ),
     ({"frames": FRAMES, "poses": 2 * UNITS}, r"poses\[0\]: the quaternion has length 2"),
     ({"frames": FRAMES[:0], "poses": UNITS[:0]}, "holds no frames"),
     ({"frames": np.zeros((2, 3, 4)), "poses": UNITS}, "frames of 3 by 4; expected 4 to 64"),
@@ -271,14 +294,16 @@ def test_lines_become_frames_as_they_come(server: socket.socket):
     with peer:
         assert next(opened) is None
         text = line(ball())
-        peer.sendall(b"x,y,z,what,ever\n" + text[:50].encode())
+        peer.sendall(b"placement,x,y,z,what,ever\n0," + text[:50].encode())
         assert next(opened) is None
-        peer.sendall(f"{text[50:]}\n\n{text}".encode())
+        peer.sendall(f"{text[50:]}\n\n1,{text}".encode())
         first = next(one for one in opened if one is not None)
     second, end, finished = (one for one in opened if one is not None)
     assert (first.due, first.message.touch, second.message.touch) == (0.0, 0, 1)
     assert second.message.robot_time == 0.25 == end.message.robot_time and end.message.frames == 2
     assert finished == Finished(f"{params.address} closed the connection after 2 frames")
+    assert (first.message.placement, second.message.placement) == (0, 1)
+    assert first.message.goal != second.message.goal  # A goal is touched in one placement
     wanted = tactile_frame(params, 0, 0.0, np.array(POSE), ball())
     assert np.array_equal(first.message.array, wanted.array)
 
