@@ -207,9 +207,9 @@ def unknown_texts(summary: Mapping[str, Any]) -> list[str]:
         place = ", ".join(f"{1e3 * one:.0f}" for one in summary["open_places_m"][0])
         touches = math.ceil(summary["open_touches"])
         told.append(
-            f"{_quantity(summary['open_share'], '1')} of the surface is unknown, the widest part "
-            f"{millimetres(summary['open_width_m'])} wide at ({place}) mm: about "
-            f"{counted(touches, 'touch', 'touches')} if a finger reaches it"
+            f"{_quantity(summary['open_share'], '1')} of the surface is unknown and may have "
+            f"holes, the widest part {millimetres(summary['open_width_m'])} wide at ({place}) mm: "
+            f"about {counted(touches, 'touch', 'touches')} if a finger reaches it"
         )
     told += [f"since it was turned over {one}" for one in summary.get("placement_faults", ())]
     if summary.get("under_share"):

@@ -392,7 +392,8 @@ def test_headline_cuts_nothing_off(progress, status, folder):
     assert max(len(line) for line in lines if str(folder) not in line) <= TEXT_WIDTH
     for part in (
         f"{reason}; {'so ' * 90}there",
-        "40.0 % of the surface is unknown, the widest part 20.000 mm wide at (10, 20, 30)",
+        "40.0 % of the surface is unknown and may have holes, the widest part 20.000 mm wide",
+        "wide at (10, 20, 30) mm",
         "10.0 % of the surface is the underside",
         "3 slices could not be traced",
     ):

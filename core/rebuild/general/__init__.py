@@ -20,3 +20,7 @@ from palpate.core.rebuild.general.solid import (
     GeneralSolid as GeneralSolid,
     touch_squares as touch_squares,
 )
+from palpate.core.rebuild.general.walls import (
+    wall_cell as wall_cell,
+    wall_thickness as wall_thickness,
+)

@@ -32,6 +32,7 @@ from palpate.core.rebuild.general.fitting import (
 from palpate.core.rebuild.general.orientation import oriented
 from palpate.core.rebuild.general.placements import MOTIONS, found_motions, shared_motions
 from palpate.core.rebuild.general.topology import CoarseSolid, coarse_solid
+from palpate.core.rebuild.general.walls import wall_cell
 from palpate.core.steps import Steps, no_steps
 
 DENSE = 12.0e-3  # Way between touches below which drafts take the finest cells, m
@@ -61,6 +62,7 @@ class GridSettings(NamedTuple):
 
     max_extent: float = 1.0  # [m] of all points
     max_cells: int = 5_000  # of a spline's band
+    max_wall_cells: int = 12_000  # of one whose cells are small for the sake of thin walls
     cells_per_square: float = 2.0  # cells of a band for each cell's square of surface
     max_voxels: float = 1.5e6  # of the coarse solid, its margin apart
 
@@ -129,7 +131,7 @@ def rebuild_general(
     check_extent("patches", contacts.points, GridSettings().max_extent)
     if is_flat(contacts.points):
         raise ValueError("patches must not all lie in one plane")
-    cell = max(cell, least_cell(contacts.points, platform))
+    cell, grid = _cell_and_limits(contacts, cell, platform)
     touched = contacts if start is not None else _thinned(contacts)
     touched = touched if outward else oriented(touched).contacts
     below = _untouched(underside, touched.points)
@@ -142,9 +144,11 @@ def rebuild_general(
         placed = np.zeros(0, np.int32) if placement is None else placement
         if placed.any():
             pose = max(pose, MOTIONS.least_pose)
-        setting = Setting(touched, coarse, beside, below, platform, pose, following, placed)
-        before = None if start is None else Spline(start.cell, start.fit)
-        if before is None and cell < solid.COARSE:
+        setting = Setting(touched, coarse, beside, below, platform, pose, following, placed, grid)
+        # Thin walls are fitted from nothing: what larger cells have torn would stay so.
+        is_thin = grid != GridSettings()
+        before = None if start is None or is_thin else Spline(start.cell, start.fit)
+        if before is None and cell < solid.COARSE and not is_thin:
             before = setting.fit(solid.COARSE, None, 1).spline
         fitted = setting.fit(cell, before, ROUNDS if before is None else 1)
     with step("held-out touches"):
@@ -159,6 +163,17 @@ def rebuild_general(
         return found
     motions = found_motions(touched, placed, fitted.shared.of(every))
     return replace(found, placement=placed, motions=motions)
+
+
+def _cell_and_limits(
+    contacts: ContactPoints, cell: float, platform: float | None
+) -> tuple[float, GridSettings]:
+    """Edge of the cells, smaller where walls are thin, and how many there may be."""
+    plain, asked = GridSettings(), wall_cell(contacts, cell)
+    if asked == cell:
+        return max(cell, least_cell(contacts.points, platform)), plain
+    grid = plain._replace(max_cells=plain.max_wall_cells)
+    return max(asked, least_cell(contacts.points, platform, grid)), grid
 
 
 def _untouched(underside: Floats | None, touched: Floats) -> Floats:
@@ -244,6 +259,7 @@ class Setting(NamedTuple):
     pose: float
     following: Following
     placement: Ints  # Of each touch, (t,); empty if all are of the first
+    grid: GridSettings
 
     @property
     def origin(self) -> Floats:
@@ -266,7 +282,7 @@ class Setting(NamedTuple):
         if before is not None:
             start = start.begun(before.fit, before.cell / cell)
         cells = _surface_cells(self, before, points, cell)
-        over = len(make_band(cells).cells) / (MOST_OVER * GridSettings().max_cells)
+        over = len(make_band(cells).cells) / (MOST_OVER * self.grid.max_cells)
         if over > 1.0:  # more surface than the touched points' hull has
             return self.fit(cell * math.sqrt(MOST_OVER * over), before, rounds)
         found: Solution | None = None

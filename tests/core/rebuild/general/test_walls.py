@@ -1,0 +1,92 @@
+"""Walls: how thin they are, from points on both sides, and cells small enough for them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import scipy
+import trimesh
+
+from palpate.core.arrays import Floats
+from palpate.core.rebuild.contours import ContactPoints
+from palpate.core.rebuild.general import rebuild_general, wall_cell, wall_thickness
+
+CELL = 4.0e-3
+
+
+def tube(
+    thickness: float, outside: int = 60, inside: int = 50, azimuth: float = 3.0
+) -> ContactPoints:
+    """Points of a tube of 30 mm: all of its outer side, and its inner side up to an azimuth."""
+    radius = np.array([0.03, 0.03 - thickness])
+    points, normals = [], []
+    for side, (count, last) in enumerate(((outside, 2.0 * np.pi), (inside, azimuth))):
+        turn, height = np.meshgrid(np.linspace(0.0, last, count), np.linspace(0.0, 0.05, 26))
+        out = np.stack([np.cos(turn), np.sin(turn), 0.0 * turn], axis=-1).reshape(-1, 3)
+        points.append(radius[side] * out + height.reshape(-1, 1) * [0.0, 0.0, 1.0])
+        normals.append(out if side == 0 else -out)
+    every = np.concatenate(points)
+    return ContactPoints(every, np.concatenate(normals), np.arange(len(every), dtype=np.int32))
+
+
+@pytest.mark.parametrize("thickness", [1.5e-3, 3.0e-3, 6.0e-3])
+def test_thickness_of_a_wall_is_found_where_both_sides_were_touched(thickness: float):
+    found = wall_thickness(tube(thickness), 8.0e-3)
+    assert found == pytest.approx(thickness, rel=0.1)
+
+
+def test_wall_of_which_one_side_was_touched_is_none():
+    assert wall_thickness(tube(2.0e-3, inside=0), 8.0e-3) is None
+    assert wall_cell(tube(2.0e-3, inside=0), CELL) == CELL
+
+
+def test_slot_as_narrow_as_a_wall_is_none():
+    outer = tube(2.0e-3)
+    assert outer.normals is not None
+    slot = ContactPoints(outer.points, -outer.normals, outer.touch)
+    assert wall_thickness(slot, 8.0e-3) is None
+
+
+def test_cells_are_no_larger_than_walls_and_change_by_steps():
+    cells = [wall_cell(tube(thickness), CELL) for thickness in (1.9e-3, 2.0e-3, 3.0e-3, 6.0e-3)]
+    assert cells[0] == cells[1] < cells[2] < cells[3] == CELL
+    assert cells[1] <= 2.2e-3 and cells[2] <= 3.3e-3
+
+
+def cup_points(thickness: float) -> tuple[Floats, Floats]:
+    """Points and normals of a cup of 30 by 24 mm, its rim and its bottom included."""
+    rim = 0.015
+    inner, steps = rim - thickness, 40
+    profile = [  # start, end and normal of each part of its section, radius and height
+        ((0.0, 0.0), (rim, 0.0), (0.0, -1.0)),
+        ((rim, 0.0), (rim, 0.024), (1.0, 0.0)),
+        ((rim, 0.024), (inner, 0.024), (0.0, 1.0)),
+        ((inner, 0.024), (inner, thickness), (-1.0, 0.0)),
+        ((inner, thickness), (0.0, thickness), (0.0, 1.0)),
+    ]
+    points, normals = [], []
+    for start, end, normal in profile:
+        length = float(np.hypot(*np.subtract(end, start)))
+        along = np.linspace(0.0, 1.0, max(2, round(length / 1e-3)), endpoint=False)[1:]
+        place = np.array(start) + along[:, None] * np.subtract(end, start)
+        turns = np.linspace(0.0, 2.0 * np.pi, steps, endpoint=False)
+        for turn in turns:
+            out = np.array([np.cos(turn), np.sin(turn), 0.0])
+            up = np.array([0.0, 0.0, 1.0])
+            points.append(place[:, :1] * out + place[:, 1:] * up)
+            normals.append(np.tile(normal[0] * out + normal[1] * up, (len(place), 1)))
+    return np.concatenate(points), np.concatenate(normals)
+
+
+@pytest.mark.slow  # some 5,000 cells
+def test_cup_with_a_wall_of_half_a_cell_is_one_smooth_piece():
+    points, normals = cup_points(2.0e-3)
+    inside = np.linspace(-0.008, 0.008, 9)
+    free = np.stack(np.meshgrid(inside, inside, np.linspace(0.004, 0.03, 14)), -1).reshape(-1, 3)
+    found = rebuild_general(points, normals, free=free, outward=True, cell=CELL)
+    mesh = found.rough_mesh
+    used = trimesh.Trimesh(mesh.vertices, mesh.faces)
+    assert used.euler_number == 2 and used.body_count == 1
+    assert found.cell < 2.2e-3
+    off = scipy.spatial.cKDTree(mesh.vertices).query(points)[0]
+    assert np.quantile(off, 0.95) < 1e-3  # The way to a vertex: they lie 1 mm apart
