@@ -1,7 +1,8 @@
 """A general solid of whatever was touched: which cells its surface passes, and the fit over them.
 
 The coarse solid's surface tells where the cells of a first spline lie; it is followed into cells
-that it enters. Where touches lie close together a finer spline is fitted over its cells.
+that it enters. Where touches lie close together a finer spline is fitted over its cells. Where
+walls are thin and the solid has holes, it is fitted anew with cells as small as they.
 """
 
 from __future__ import annotations
@@ -33,6 +34,7 @@ from palpate.core.rebuild.general.orientation import oriented
 from palpate.core.rebuild.general.placements import MOTIONS, found_motions, shared_motions
 from palpate.core.rebuild.general.topology import CoarseSolid, coarse_solid
 from palpate.core.rebuild.general.walls import wall_cell
+from palpate.core.shapes import Mesh
 from palpate.core.steps import Steps, no_steps
 
 DENSE = 12.0e-3  # Way between touches below which drafts take the finest cells, m
@@ -51,6 +53,7 @@ HULL_POINTS = 5_000  # More say no more about the hull
 MOST_POINTS = 30_000  # More are thinned out
 ROUNDS = 2  # Of weighing outliers, where nothing is known of them
 CUBE = np.moveaxis(np.indices((2, 2, 2)), 0, -1).reshape(-1, 3).astype(float)  # Corners
+WHOLE = 2  # Euler's number of one closed surface without holes
 FLAT = 1e-6  # Root mean square distance from a plane: what is nearer lies in it, m
 
 
@@ -131,29 +134,67 @@ def rebuild_general(
     check_extent("patches", contacts.points, GridSettings().max_extent)
     if is_flat(contacts.points):
         raise ValueError("patches must not all lie in one plane")
-    cell, grid = _cell_and_limits(contacts, cell, platform)
     touched = contacts if start is not None else _thinned(contacts)
     touched = touched if outward else oriented(touched).contacts
-    below = _untouched(underside, touched.points)
+    none, placed = np.zeros((0, 3)), np.zeros(0, np.int32) if placement is None else placement
+    known = Known(
+        touched,
+        free,
+        none if spanned is None else spanned,
+        _untouched(underside, touched.points),
+        platform,
+        max(pose, MOTIONS.least_pose) if placed.any() else pose,
+        placed,
+        draft,
+    )
+    cell = max(cell, least_cell(contacts.points, platform))
+    walls, grid = wall_cell(touched, cell), GridSettings()
+    grid = grid._replace(max_cells=grid.max_wall_cells)
+    walls = max(walls, least_cell(contacts.points, platform, grid))
+    if start is None or not (start.cell < cell and walls < cell):
+        found = _rebuilt(known, cell, GridSettings(), start, step)
+        if walls >= cell or not is_torn(found.rough_mesh):
+            return found
+    # From nothing: what larger cells have torn would stay so.
+    return _rebuilt(known, walls, grid, None, step)
+
+
+class Known(NamedTuple):
+    """What is known of an object; m."""
+
+    touched: ContactPoints
+    free: Floats | None  # Places that a finger has swept, (k, 3)
+    spanned: Floats  # Behind which the surface lies, (l, 3)
+    below: Floats  # Places where an underside is taken for flat, (j, 3)
+    platform: float | None
+    pose: float
+    placement: Ints  # Of each touch, (t,); empty if all are of the first
+    draft: bool
+
+
+def is_torn(mesh: Mesh) -> bool:
+    """Whether a closed surface has holes that go through, or is of several parts."""
+    return len(np.unique(mesh.faces)) - len(mesh.faces) // 2 != WHOLE
+
+
+def _rebuilt(
+    known: Known, cell: float, grid: GridSettings, start: solid.GeneralSolid | None, step: Steps
+) -> solid.GeneralSolid:
+    """The solid with cells of an edge [m], unless there were too many."""
+    touched, platform, placed = known.touched, known.platform, known.placement
     with step("topology"):
-        coarse = _coarse(_with_underside(touched, below), free, platform, cell)
+        coarse = _coarse(_with_underside(touched, known.below), known.free, platform, cell)
     with step("implicit spline"):
-        following = Following(1, 0.01) if draft else Following()
-        none = np.zeros((0, 3))
-        beside = none if spanned is None else spanned
-        placed = np.zeros(0, np.int32) if placement is None else placement
-        if placed.any():
-            pose = max(pose, MOTIONS.least_pose)
+        following = Following(1, 0.01) if known.draft else Following()
+        beside, below, pose = known.spanned, known.below, known.pose
         setting = Setting(touched, coarse, beside, below, platform, pose, following, placed, grid)
-        # Thin walls are fitted from nothing: what larger cells have torn would stay so.
-        is_thin = grid != GridSettings()
-        before = None if start is None or is_thin else Spline(start.cell, start.fit)
-        if before is None and cell < solid.COARSE and not is_thin:
+        before = None if start is None else Spline(start.cell, start.fit)
+        if before is None and cell < solid.COARSE and grid == GridSettings():
             before = setting.fit(solid.COARSE, None, 1).spline
         fitted = setting.fit(cell, before, ROUNDS if before is None else 1)
     with step("held-out touches"):
-        known = start.predicted if draft and start is not None else None
-        fit, predicted = surface_errors(fitted, known)
+        predicted_before = start.predicted if known.draft and start is not None else None
+        fit, predicted = surface_errors(fitted, predicted_before)
     count = int(touched.touch.max()) + 1
     every, fit = fit.displacements, fit.of_first(len(touched.points), count)
     found = solid.GeneralSolid(
@@ -163,17 +204,6 @@ def rebuild_general(
         return found
     motions = found_motions(touched, placed, fitted.shared.of(every))
     return replace(found, placement=placed, motions=motions)
-
-
-def _cell_and_limits(
-    contacts: ContactPoints, cell: float, platform: float | None
-) -> tuple[float, GridSettings]:
-    """Edge of the cells, smaller where walls are thin, and how many there may be."""
-    plain, asked = GridSettings(), wall_cell(contacts, cell)
-    if asked == cell:
-        return max(cell, least_cell(contacts.points, platform)), plain
-    grid = plain._replace(max_cells=plain.max_wall_cells)
-    return max(asked, least_cell(contacts.points, platform, grid)), grid
 
 
 def _untouched(underside: Floats | None, touched: Floats) -> Floats:

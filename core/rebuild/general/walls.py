@@ -1,8 +1,8 @@
 """How thin an object's walls are, from points that were touched on both sides of them.
 
-Two sheets of a surface that pass through one cell of a spline bend each other, and tear. So cells
-are smaller than the thinnest walls. A wall is thick by the way from one point, inwards along its
-normal, to points that face the other way.
+Two sheets of a surface that pass through one cell of a spline bend each other, and may tear. Then
+cells are made no larger than the walls. A wall is as thick as it is far from one point,
+inwards along its normal, to points that face the other way.
 """
 
 from __future__ import annotations
