@@ -27,6 +27,9 @@ class TurningSettings:
     facing_up: float = 0.7  # upward part of normals that face up
     min_gain: float = 0.1  # fraction of all squared errors that it must bring within reach
     near_best: float = 0.95  # of the largest gain: of such sides the most stable is taken
+    min_thickness: float = (
+        10.0e-3  # [m] upwards, as it will lie: a hand cannot feel thinner objects
+    )
     max_rests: int = 200  # sides that are looked at, the most stable
     # Leaning by this when it is set down the object must still come to rest on that side [rad].
     lean: float = math.radians(6.0)
@@ -61,7 +64,8 @@ def choose_turn(
     elif not underside:
         hidden[places.flat] = 0.0
     resting = RestingSolid(surface.mesh.vertices, surface.mesh.faces)
-    rests = resting.rests[: settings.max_rests]
+    upright = [one for one in resting.rests if _thickness(resting, one) > settings.min_thickness]
+    rests = upright[: settings.max_rests]
     gains = np.array(
         [hidden[_within_reach(surface, resting, one, settings)].sum() for one in rests]
     )
@@ -72,6 +76,10 @@ def choose_turn(
             return _set_down(resting, best, surface.platform)
         gains[near_best[0]] = 0.0
     return None
+
+
+def _thickness(resting: RestingSolid, rest: Rest) -> float:
+    return float(np.ptp(resting.hull @ rest.down))
 
 
 def _within_reach(

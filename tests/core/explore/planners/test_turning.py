@@ -10,6 +10,7 @@ import pytest
 from palpate.core import shapes
 from palpate.core.explore import planners
 from palpate.core.explore.planners import Touch, Touches, choose_turn, estimate_error
+from palpate.core.explore.planners.turning import TURNING
 from palpate.core.poses import Pose
 from tests.core.explore.planners.sides import known
 from tests.core.explore.planners.test_touches import EXACT, solid
@@ -39,6 +40,16 @@ def test_nothing_is_turned_where_no_side_brings_more_or_nothing_stands():
     touched = solid(BRICK, EXACT).surface
     assert choose_turn(touched, 2e-4, underside=False) is None
     assert choose_turn(standing(platform=None), 2e-4, underside=True) is None
+
+
+def test_thin_object_is_not_laid_flat_where_no_hand_can_feel_it():
+    blade = shapes.Superquadric(np.array([0.03, 0.0015, 0.02]), np.array([0.15, 0.15])).mesh(4)
+    blade = shapes.Mesh(blade.vertices + [0.0, 0.0, 0.02], blade.faces)
+    surface = solid(blade, EXACT, lambda at: 12e-3 if at[2] < 1e-3 else 1e-3).surface
+    thin = replace(TURNING, min_thickness=0.0)
+    flat = choose_turn(surface, 2e-4, underside=True, settings=thin)
+    assert flat is not None and np.ptp(flat.to_outer(blade.vertices)[:, 2]) < 4e-3
+    assert choose_turn(surface, 2e-4, underside=True) is None  # on its edges it is not firm
 
 
 def test_what_it_stood_on_is_flat_until_touched_and_is_touched_next():
