@@ -20,7 +20,7 @@ from palpate.core.rebuild.contours import ContactPoints
 class WallSettings:
     """Which points lie on both sides of a wall, and how small cells are for it."""
 
-    most_points: int = 6_000  # of which pairs are sought
+    spacing: float = 1.5e-3  # [m] of points of which pairs are sought, about
     opposite: float = -0.8  # cosine between the normals of two sides, at most
     aside: float = 0.6  # offset of the other side's point from the normal, of the thickness
     min_share: float = 0.25  # of all points, that must lie on walls touched from both sides
@@ -41,8 +41,9 @@ def wall_thickness(
     less than large ones: what touches leave open goes through many of them.
     """
     assert contacts.normals is not None
-    every = max(1, len(contacts.points) // settings.most_points)
-    points, normals = contacts.points[::every], contacts.normals[::every]
+    cubes = np.floor(contacts.points / settings.spacing)
+    first_in = np.unique(cubes, axis=0, return_index=True)[1]
+    points, normals = contacts.points[first_in], contacts.normals[first_in]
     pairs = point_tree(points).query_pairs(most, output_type="ndarray")
     first, second = pairs.T
     facing = np.einsum("ni,ni->n", normals[first], normals[second]) < settings.opposite
