@@ -53,6 +53,7 @@ HULL_POINTS = 5_000  # More say no more about the hull
 MOST_POINTS = 30_000  # More are thinned out
 ROUNDS = 2  # Of weighing outliers, where nothing is known of them
 CUBE = np.moveaxis(np.indices((2, 2, 2)), 0, -1).reshape(-1, 3).astype(float)  # Corners
+SMALLER = 0.9  # Of the cells asked for: a solid whose cells are below was fitted for thin walls
 WHOLE = 2  # Euler's number of one closed surface without holes
 FLAT = 1e-6  # Root mean square distance from a plane: what is nearer lies in it, m
 
@@ -151,12 +152,16 @@ def rebuild_general(
     walls, grid = wall_cell(touched, cell), GridSettings()
     grid = grid._replace(max_cells=grid.max_wall_cells)
     walls = max(walls, least_cell(contacts.points, platform, grid))
-    if start is None or not (start.cell < cell and walls < cell):
-        found = _rebuilt(known, cell, GridSettings(), start, step)
-        if walls >= cell or not is_torn(found.rough_mesh):
-            return found
+    plain = None
+    if walls >= cell or start is None or start.cell > SMALLER * cell:
+        plain = _rebuilt(known, cell, GridSettings(), start, step)
+    if plain is not None and (walls >= cell or not tears(plain.rough_mesh)):
+        return plain
     # From nothing: what larger cells have torn would stay so.
-    return _rebuilt(known, walls, grid, None, step)
+    found = _rebuilt(known, walls, grid, None, step)
+    if plain is not None and tears(found.rough_mesh) >= tears(plain.rough_mesh):
+        return plain  # too little was touched for small cells to tell more
+    return found
 
 
 class Known(NamedTuple):
@@ -172,9 +177,9 @@ class Known(NamedTuple):
     draft: bool
 
 
-def is_torn(mesh: Mesh) -> bool:
-    """Whether a closed surface has holes that go through, or is of several parts."""
-    return len(np.unique(mesh.faces)) - len(mesh.faces) // 2 != WHOLE
+def tears(mesh: Mesh) -> int:
+    """By how much Euler's number of a closed surface differs from that of one without holes."""
+    return abs(len(np.unique(mesh.faces)) - len(mesh.faces) // 2 - WHOLE)
 
 
 def _rebuilt(
