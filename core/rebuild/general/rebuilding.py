@@ -159,9 +159,9 @@ def rebuild_general(
         return plain
     # From nothing: what larger cells have torn would stay so.
     found = _rebuilt(known, walls, grid, None, step)
-    if plain is not None and tears(found.rough_mesh) >= tears(plain.rough_mesh):
-        return plain  # too little was touched for small cells to tell more
-    return found
+    if draft or plain is None or tears(found.rough_mesh) < tears(plain.rough_mesh):
+        return found
+    return plain  # too little was touched for small cells to tell more
 
 
 class Known(NamedTuple):
