@@ -83,7 +83,9 @@ def test_node_that_breaks_ends_the_graph_and_is_named(node, words, run, watcher,
     ending = run([source(), sink(path), node], ends="source")
     assert ending.status == "died"
     assert words in ending.reason and "\n" not in ending.reason
-    assert path.read_text().splitlines()[-1] == "closed"
+    # Where a node cannot even be loaded, the graph may end before the sink has begun.
+    if path.exists() or "while loading" not in words:
+        assert path.read_text().splitlines()[-1] == "closed"
     lines = [line for line in watcher.lines if line.node == "broken"]
     if "ZeroDivisionError" in words:  # its trace goes to the log
         assert [line.level for line in lines] == ["error", "debug"]
