@@ -36,7 +36,7 @@ from palpate.core.shapes import Mesh, grid_surface, without_crossings
 FINE, COARSE = 4.0e-3, 5.0e-3  # Edge of a cell in the end, and before it, m
 POINT, NORMAL = 0.06e-3, 0.2  # Standard deviations of a touched point, m, and of its normal
 VARIATION, ANCHOR = 0.05, 1e6  # m and 1/m^5: of the energy's last two terms
-DETAIL = 3.0  # Power of a cell's edge by which variation counts less in finer ones, down to FINE
+DETAIL = 3.0  # Power of a cell's edge by which variation counts less in finer ones
 POSE = 0.1e-3  # Of a touch's displacement, m
 PROJECTIONS = 2
 RETREATS = 20  # Rounds in which vertices of faces that cross go back to where they came from
@@ -284,7 +284,7 @@ def cell_weights(cell: float, pose: float) -> Weights:
         POINT / cell,
         NORMAL,
         pose / cell,
-        VARIATION * (max(cell, FINE) / COARSE) ** DETAIL / cell,
+        VARIATION * (cell / COARSE) ** DETAIL / cell,
         ANCHOR * cell**5,
     )
 
