@@ -53,7 +53,6 @@ HULL_POINTS = 5_000  # More say no more about the hull
 MOST_POINTS = 30_000  # More are thinned out
 ROUNDS = 2  # Of weighing outliers, where nothing is known of them
 CUBE = np.moveaxis(np.indices((2, 2, 2)), 0, -1).reshape(-1, 3).astype(float)  # Corners
-SMALLER = 0.9  # Of the cells asked for: a solid whose cells are below was fitted for thin walls
 WHOLE = 2  # Euler's number of one closed surface without holes
 FLAT = 1e-6  # Root mean square distance from a plane: what is nearer lies in it, m
 
@@ -67,6 +66,7 @@ class GridSettings(NamedTuple):
     max_extent: float = 1.0  # [m] of all points
     max_cells: int = 5_000  # of a spline's band
     max_wall_cells: int = 12_000  # of one whose cells are small for the sake of thin walls
+    small_cell: float = 0.9  # fraction of the cells asked for, below which cells count as such
     cells_per_square: float = 2.0  # cells of a band for each cell's square of surface
     max_voxels: float = 1.5e6  # of the coarse solid, its margin apart
 
@@ -148,20 +148,7 @@ def rebuild_general(
         placed,
         draft,
     )
-    cell = max(cell, least_cell(contacts.points, platform))
-    walls, grid = wall_cell(touched, cell), GridSettings()
-    grid = grid._replace(max_cells=grid.max_wall_cells)
-    walls = max(walls, least_cell(contacts.points, platform, grid))
-    plain = None
-    if walls >= cell or start is None or start.cell > SMALLER * cell:
-        plain = _rebuilt(known, cell, GridSettings(), start, step)
-    if plain is not None and (walls >= cell or not tears(plain.rough_mesh)):
-        return plain
-    # From nothing: what larger cells have torn would stay so.
-    found = _rebuilt(known, walls, grid, None, step)
-    if draft or plain is None or tears(found.rough_mesh) < tears(plain.rough_mesh):
-        return found
-    return plain  # too little was touched for small cells to tell more
+    return _untorn(known, cell, start, step)
 
 
 class Known(NamedTuple):
@@ -175,6 +162,26 @@ class Known(NamedTuple):
     pose: float
     placement: Ints  # Of each touch, (t,); empty if all are of the first
     draft: bool
+
+
+def _untorn(
+    known: Known, cell: float, start: solid.GeneralSolid | None, step: Steps
+) -> solid.GeneralSolid:
+    """The solid with cells of an edge [m], or smaller ones where that one's thin walls are torn."""
+    grid, points = GridSettings(), known.touched.points
+    cell = max(cell, least_cell(points, known.platform))
+    finer = grid._replace(max_cells=grid.max_wall_cells)
+    walls = max(wall_cell(known.touched, cell), least_cell(points, known.platform, finer))
+    plain = None
+    if walls >= cell or start is None or start.cell > grid.small_cell * cell:
+        plain = _rebuilt(known, cell, grid, start, step)
+    if plain is not None and (walls >= cell or not tears(plain.rough_mesh)):
+        return plain
+    # From nothing: what larger cells have torn would stay so.
+    found = _rebuilt(known, walls, finer, None, step)
+    if known.draft or plain is None or tears(found.rough_mesh) < tears(plain.rough_mesh):
+        return found
+    return plain  # too little was touched for small cells to tell more
 
 
 def tears(mesh: Mesh) -> int:
