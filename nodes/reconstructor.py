@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 from msgspec import Struct
 
-from palpate.core.explore import empty_map, sorted_spans, swept_places
+from palpate.core.explore import empty_map, swept_places, untouched_places
 from palpate.core.poses import Pose
 from palpate.core.rebuild import other_method
 from palpate.core.rebuild.contours import ContactPoints
@@ -27,10 +27,10 @@ from palpate.nodes.rebuilding.received import (
     State,
     Way,
     closings_in,
+    far_from_touch,
     is_coarse,
     is_complete,
     known_space,
-    untouched_spans,
 )
 from palpate.nodes.runtime.node import Deferred, Node, Outputs
 from palpate.nodes.specs.sensors import pad_of_info
@@ -76,15 +76,15 @@ def take_patch(params: Params, state: State, patch: types.SurfacePatch) -> tuple
 
 
 def _with_swept(state: State, patch: types.SurfacePatch) -> State:
-    """With the space that a touch has swept, and what its pad spanned."""
+    """With the space that a touch has swept, and where its pad touched nothing."""
     pad, space = state.pad, state.space
     assert pad is not None and space is not None
     pose, met = Pose.from_array(patch.pose), patch.outcome in TOUCHED_OUTCOMES
     start = pose.advanced(-patch.advance)
     places = swept_places(pad, start, pose, space.step, touched=met)
-    found = sorted_spans(pad, pose, patch.mask, patch.points, patch.normals)
-    before = state.spanned.get(patch.goal, ())
-    state = replace(state, spanned={**state.spanned, patch.goal: (*before, found)})
+    found = untouched_places(pad, pose, patch.mask, patch.points, patch.normals)
+    before = state.untouched.get(patch.goal, ())
+    state = replace(state, untouched={**state.untouched, patch.goal: (*before, found)})
     if patch.placement:
         later = (*state.swept_places.get(patch.goal, ()), places)
         return replace(state, swept_places={**state.swept_places, patch.goal: later})
@@ -172,7 +172,7 @@ def _fit(state: State, goal: Goal, step: Steps) -> types.ShapeModel:
         found.candidates,
         found.solid,
         found.predicted,
-        untouched_spans(seen_state(state, goal, step), goal),
+        far_from_touch(seen_state(state, goal, step), goal),
         state.quality if is_final(goal) else None,
         step,
         found.rejected,

@@ -28,11 +28,11 @@ from palpate.core.explore.free_space import (
     VOXEL as VOXEL,
     Longs as Longs,
     SpaceMap as SpaceMap,
-    SpannedPlaces as SpannedPlaces,
+    UntouchedPlaces as UntouchedPlaces,
     empty_map as empty_map,
-    sorted_spans as sorted_spans,
     spanned_places as spanned_places,
     swept_places as swept_places,
+    untouched_places as untouched_places,
 )
 from palpate.core.explore.placing import (
     KnownSurface as KnownSurface,

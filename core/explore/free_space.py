@@ -26,7 +26,7 @@ MAX_VOXELS = 8 << 20  # Of a map: each takes a byte in a message, and 50 while f
 BESIDE = 10.0e-3  # Beside what was touched: so far nothing lies below the platform, m
 MARGIN = 1.5  # Voxels before a contact that stay unknown: poses err, and pads are pressed
 PRESSED = 1.5e-3  # By how much, m
-EVERY = 2  # Taxels along rows and columns: places of the face that are swept
+EVERY = 2  # Taxels along rows and columns: places of the face that are swept or hang free
 States = NDArray[np.uint8]
 Longs = NDArray[np.int64]
 
@@ -116,12 +116,13 @@ class ValleySettings:
     reach: float = 3.0e-3  # [m] of a valley from where a pad spanned it
 
 
-class SpannedPlaces(NamedTuple):
-    """Places on the face of a pad without contact between taxels with contact, world frame, m."""
+class UntouchedPlaces(NamedTuple):
+    """Places on the face of a pad that touched nothing while others did, world frame, m."""
 
-    openings: Floats  # (k, 3): the surface behind may have any depth
+    openings: Floats  # (k, 3), between others: the surface behind may have any depth
     valleys: Floats  # (l, 3): the sides lean towards each other and hold the pad off
     slopes: Floats  # (l,): depth of the valley if its sides continue, over the distance from them
+    hanging: Floats  # (h, 3), beside what was touched: beyond an edge, or over the mouth of a hole
 
     def slopes_at(self, places: Floats, settings: ValleySettings = ValleySettings()) -> Floats:
         """Slopes (n,) of the nearest valleys at places (n, 3) [m]; 0 outside all valleys."""
@@ -131,15 +132,15 @@ class SpannedPlaces(NamedTuple):
         return np.where(distances < settings.reach, self.slopes[nearest], 0.0)
 
 
-def sorted_spans(
+def untouched_places(
     pad: Pad,
     pose: Pose,
     touched: Bools,
     points: Floats,
     normals: Floats,
     settings: ValleySettings = ValleySettings(),
-) -> SpannedPlaces:
-    """The `spanned_places` of a touch, divided into openings and valleys.
+) -> UntouchedPlaces:
+    """Where a pad touched nothing: openings and valleys between contacts, and what hangs free.
 
     `points`, `normals` (k, 3): the contacts [m] and their outward normals. A connected region of
     spanned taxels is a valley if the mean angle between the normals to both sides of its taxels,
@@ -163,7 +164,11 @@ def sorted_spans(
     is_valley = (sines > min_sine) & (np.append(0.0, enclosed) == 0.0)
     valley = is_valley[regions]
     slopes = np.tan(np.arcsin(np.minimum(sines, settings.max_half_sine)))[regions[valley]]
-    return SpannedPlaces(face[(spanned & ~valley).ravel()], face[valley.ravel()], slopes)
+    hanging = np.zeros_like(touched)
+    hanging[::EVERY, ::EVERY] = ~(touched | spanned)[::EVERY, ::EVERY] & touched.any()
+    kinds = (spanned & ~valley), valley, hanging
+    openings, valleys, free = (face[one.ravel()] for one in kinds)
+    return UntouchedPlaces(openings, valleys, slopes, free)
 
 
 def _before_and_after(touched: Bools, axis: int) -> tuple[Longs, Longs]:

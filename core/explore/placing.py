@@ -5,8 +5,10 @@ knows, and may have rolled onto a side that nobody asked for. So each side on wh
 rest is tried at even azimuths. From there contacts are brought onto the surface, by their
 distances from its tangent planes and by the angles between normals (Chen and Medioni, *Object
 modelling by registration of multiple range images*, 1992; normals as by Serafin and Grisetti,
-*NICP*, 2015), each over what it may be off: so places of which nothing is known say little. Poses
-that fit as well as the best one are told: the object looks alike from there.
+*NICP*, 2015), each over what it may be off: so places of which nothing is known say little. The
+lowest corner of the hull touches the platform, which tells the height of an object that was met on
+upright sides alone. Poses that fit as well as the best one are told: the object looks alike from
+there.
 """
 
 from __future__ import annotations
@@ -90,7 +92,7 @@ def place_object(
     if len(points) < settings.min_contacts:
         return None
     starts = _starts(resting, points, asked, platform, settings)
-    problem = _Registration(surface, points, normals, settings)
+    problem = _Registration(surface, resting.hull, points, normals, platform, settings)
     rough = problem.solve(starts, settings.coarse_steps)
     found = [problem.pose(*one) for one in zip(starts, rough.parameters, strict=True)]
     best = _unlike(found, rough.cost, settings.same_angle)[: settings.n_best]
@@ -153,12 +155,20 @@ class _Registration:
     """Contacts that are brought onto a surface, by small motions of poses at which they begin."""
 
     def __init__(
-        self, surface: KnownSurface, points: Floats, normals: Floats, settings: PlacingSettings
+        self,
+        surface: KnownSurface,
+        hull: Floats,  # (h, 3) [m]
+        points: Floats,
+        normals: Floats,
+        platform: float,
+        settings: PlacingSettings,
     ):
         self.surface, self.points, self.normals, self.settings = surface, points, normals, settings
+        self.hull, self.platform = hull, platform
         self.middle = points.mean(axis=0)
         self.tree = point_tree(surface.points)
         self.errors = np.maximum(surface.errors, settings.least_error)
+        self.hull_errors = self.errors[self.tree.query(hull)[1]]
 
     def solve(self, starts: list[Pose], steps: int) -> Solutions:
         """From each pose, a turn and a shift of the contacts about their middle, (b, 6)."""
@@ -200,7 +210,7 @@ class _Registration:
     def _residuals(
         self, turns: Floats, shifts: Floats, parameters: Floats
     ) -> tuple[Floats, Floats]:
-        """Distances from tangent planes, (b, n), then differences of normals, (b, 3 n)."""
+        """Distances from tangent planes, (b, n), of normals, (b, 3 n), and from the platform."""
         rotations = turns @ rotations_from_vectors(parameters[:, :3])
         moved = self._moved(turns, shifts, parameters)
         nearest = np.reshape(self.tree.query(moved.reshape(-1, 3))[1], moved.shape[:2])
@@ -215,5 +225,21 @@ class _Registration:
         by_normal = -rotations[:, None] @ cross_matrices(self.normals) @ bends[:, None]
         by_normal = np.concatenate([by_normal, np.zeros_like(by_normal)], axis=3)
         by_normal = by_normal.reshape(len(turns), -1, 6) / self.settings.normal_error
-        residuals = np.concatenate([off, apart.reshape(len(turns), -1)], axis=1)
-        return residuals, np.concatenate([by_place, by_normal], axis=1)
+        height, by_height = self._heights(rotations, shifts + parameters[:, 3:], bends)
+        residuals = np.concatenate([off, apart.reshape(len(turns), -1), height], axis=1)
+        return residuals, np.concatenate([by_place, by_normal, by_height], axis=1)
+
+    def _heights(self, rotations: Floats, shifts: Floats, bends: Floats) -> tuple[Floats, Floats]:
+        """How high the lowest corners of the hull stand over the platform, (b, 1), and its growth.
+
+        Both over what these corners may be off; (b, 1, 6).
+        """
+        ups = rotations[:, :, 2]  # the vertical in the object's frame
+        lowest = (self.hull @ ups.T).argmin(axis=0)
+        away = self.hull[lowest] - shifts
+        errors = self.hull_errors[lowest, None]
+        height = np.einsum("bi,bi->b", away, ups) + self.middle[2] - self.platform
+        world = np.einsum("bij,bi->bj", rotations, away)
+        level = np.column_stack([-world[:, 1], world[:, 0], np.zeros(len(world))])
+        growth = np.concatenate([np.einsum("bi,bij->bj", level, bends), -ups], axis=1)
+        return height[:, None] / errors, (growth / errors)[:, None]

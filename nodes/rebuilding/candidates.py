@@ -15,7 +15,7 @@ import numpy as np
 
 from palpate.core.archive import tree_to_bytes
 from palpate.core.arrays import Floats, Ints
-from palpate.core.explore import SpannedPlaces
+from palpate.core.explore import UntouchedPlaces
 from palpate.core.geometry import nearest_points, self_intersection, solidity
 from palpate.core.poses import IDENTITY_POSE, Pose
 from palpate.core.rebuild import LatticeSolid, fit_coarse, lattice as lattices, recover, surface
@@ -164,7 +164,7 @@ def shape_model(
     candidates: Candidates,  # What was fitted; neither if there was nothing to rebuild
     solid: AnySolid | None,  # The one of these that is published
     predicted: Mapping[str, Floats],  # Mean square distances of new touches, by method, m^2
-    spanned: SpannedPlaces,  # What pads spanned, and nothing touched
+    untouched: UntouchedPlaces,  # Where pads touched nothing, far from all touches
     quality: Quality | None = None,  # Of the mesh, if it is the final one
     step: Steps = no_steps,  # Told which step begins
     rejected: tuple[str, ...] = (),  # Solids that were rejected instead, and why
@@ -198,11 +198,11 @@ def shape_model(
         placements=np.reshape([one.array for one in candidates.poses], (-1, 7)),
         placement_errors=np.array(candidates.placements.errors, np.float64),
         placement_faults=(*candidates.placements.faults, *candidates.placements.lost),
-        openings=_openings(spanned.openings, volume),
+        openings=_openings(np.concatenate([untouched.openings, untouched.hanging]), volume),
         frame=frame,
         **_deviations(solid, candidates, step),
         **parts,
-        **_errors(parts["vertices"], candidates, spanned, step),
+        **_errors(parts["vertices"], candidates, untouched, step),
         **(_checked(parts["vertices"], parts["faces"], step) if final else {}),
         rejected=rejected,
         final=final,
@@ -236,18 +236,18 @@ def _volume(parts: Mapping[str, Any], candidates: Candidates) -> MeshVolume:
     return MeshVolume(Mesh(parts["vertices"], parts["faces"]))
 
 
-def _openings(spanned: Floats, volume: MeshVolume) -> Floats:
-    """Places (k, 3) of those that pads spanned where a solid would have been touched, m.
+def _openings(untouched: Floats, volume: MeshVolume) -> Floats:
+    """Places (k, 3) of those without touch where a solid would have been touched, m.
 
     It is hollow there: else it would be, for the pad has been where the solid is said to be.
     """
-    if not len(spanned) or not len(volume.mesh.faces):
+    if not len(untouched) or not len(volume.mesh.faces):
         return np.zeros((0, 3))
-    return spanned[volume.depths(spanned) > HOLLOW]
+    return untouched[volume.depths(untouched) > HOLLOW]
 
 
 def _errors(
-    vertices: Floats, candidates: Candidates, spanned: SpannedPlaces, step: Steps
+    vertices: Floats, candidates: Candidates, untouched: UntouchedPlaces, step: Steps
 ) -> dict[str, Any]:
     """Distance from touch at each vertex, and the error that it lets expect, if that is known."""
     if not len(candidates.touched.points) or not len(vertices):
@@ -257,7 +257,7 @@ def _errors(
         errors = bounds = np.zeros_like(distances)  # slices tell of theirs by height
         if candidates.general is not None:
             errors, bounds = candidates.general.solid.expected_errors(vertices)
-            bounds = np.maximum(bounds, spanned.slopes_at(vertices) * distances)
+            bounds = np.maximum(bounds, untouched.slopes_at(vertices) * distances)
         return {"vertex_distances": distances, "vertex_errors": errors, "vertex_bounds": bounds}
 
 

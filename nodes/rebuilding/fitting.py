@@ -35,12 +35,12 @@ from palpate.nodes.rebuilding.received import (
     contacts_in,
     known_space,
     placements_of,
-    spanned_by,
     touched_goals,
     touched_points,
     touched_since,
     touches_of,
     touches_since,
+    untouched_by,
 )
 from palpate.nodes.rebuilding.soundness import SoundnessSettings, departure, faults_of, lacks
 from palpate.nodes.rebuilding.volume import MeshVolume
@@ -359,7 +359,7 @@ def _fit_general(
     return general.rebuild_general(
         evidence,
         free=free,
-        spanned=spanned_by(seen, goal).valleys,
+        spanned=untouched_by(seen, goal).valleys,
         platform=platform,
         cell=general.FINE if is_final(goal) else general.fitting_cell(evidence),
         outward=True,

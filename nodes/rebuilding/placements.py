@@ -85,7 +85,7 @@ def _place(
     solid: GeneralSolid, contacts: ContactPoints, asked: Pose | None, platform: float
 ) -> Placement | None:
     assert contacts.normals is not None
-    mesh = solid.rough_mesh
+    mesh = solid.mesh(1)  # with its edges, at which hands often meet it
     corners = mesh.vertices[mesh.faces]
     places, faces = sample_surface(corners, LOCATING.places, np.random.default_rng(0))
     errors = solid.expected_errors(places)[0]

@@ -13,7 +13,7 @@ from typing import Literal, TypeGuard
 import numpy as np
 
 from palpate.core.arrays import Floats
-from palpate.core.explore import Longs, SpaceMap, SpannedPlaces
+from palpate.core.explore import Longs, SpaceMap, UntouchedPlaces
 from palpate.core.poses import Pose
 from palpate.core.rebuild.contours import ContactPoints, stack_points
 from palpate.core.rebuild.general import touch_distances
@@ -25,6 +25,7 @@ Goal = types.ModelGoal | types.PlanDone
 Way = Literal["best", "thesis"]
 TouchesByGoal = Mapping[int, Mapping[int, ContactPoints]]  # Goal to touch to what it touched
 HALF_OPENING = 1.5e-3  # From every touch: what pads spanned and lies farther is an opening, m
+HALF_MOUTH = 4.0e-3  # The same of what a pad touched on one side alone, m
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,8 +51,8 @@ class State:
     swept: Mapping[int, tuple[Longs, ...]] = field(default_factory=dict)
     # Places that they have swept since the object was turned over.
     swept_places: Mapping[int, tuple[Floats, ...]] = field(default_factory=dict)
-    # Places that the pad spanned in a goal's touches, between what it touched.
-    spanned: Mapping[int, tuple[SpannedPlaces, ...]] = field(default_factory=dict)
+    # Places on the pad's face that touched nothing in a goal's touches.
+    untouched: Mapping[int, tuple[UntouchedPlaces, ...]] = field(default_factory=dict)
     # Both by number.
     contours: Mapping[int, types.Contour] = field(default_factory=dict)
     probes: Mapping[int, types.Probe] = field(default_factory=dict)
@@ -75,21 +76,25 @@ def as_at_first(state: State, poses: Sequence[Pose]) -> State:
     later = {id_: number for id_, number in state.placements.items() if number <= len(poses)}
     if not state.placements:
         return state
-    touches, swept, spanned = dict(state.touches), dict(state.swept), dict(state.spanned)
+    touches, swept, untouched = dict(state.touches), dict(state.swept), dict(state.untouched)
     for id_ in state.placements.keys() - later.keys():
         touches[id_] = {}
-        swept.pop(id_, None), spanned.pop(id_, None)
+        swept.pop(id_, None), untouched.pop(id_, None)
     assert state.space is not None
     for id_, number in later.items():
         pose = poses[number - 1]
         touches[id_] = {key: _seen_from(pose, one) for key, one in state.touches[id_].items()}
         freed = state.swept_places.get(id_, ())
         swept[id_] = tuple(state.space.numbers(pose.to_local(one)) for one in freed)
-        spanned[id_] = tuple(
-            one._replace(openings=pose.to_local(one.openings), valleys=pose.to_local(one.valleys))
-            for one in state.spanned.get(id_, ())
+        untouched[id_] = tuple(
+            one._replace(
+                openings=pose.to_local(one.openings),
+                valleys=pose.to_local(one.valleys),
+                hanging=pose.to_local(one.hanging),
+            )
+            for one in state.untouched.get(id_, ())
         )
-    return replace(state, touches=touches, swept=swept, spanned=spanned)
+    return replace(state, touches=touches, swept=swept, untouched=untouched)
 
 
 def contacts_in(
@@ -141,21 +146,23 @@ def known_space(state: State, goal: Goal) -> SpaceMap:
     return state.space.marked(np.concatenate([none, *free]), touched)
 
 
-def spanned_by(state: State, goal: Goal) -> SpannedPlaces:
-    """The places that pads spanned in the touches of a set [m]."""
-    touches = [one for id_ in touched_goals(goal) for one in state.spanned.get(id_, ())]
-    none = SpannedPlaces(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
-    return SpannedPlaces(*map(np.concatenate, zip(none, *touches, strict=True)))
+def untouched_by(state: State, goal: Goal) -> UntouchedPlaces:
+    """The places at which pads touched nothing in the touches of a set [m]."""
+    touches = [one for id_ in touched_goals(goal) for one in state.untouched.get(id_, ())]
+    nowhere = np.zeros((0, 3))
+    none = UntouchedPlaces(nowhere, nowhere, np.zeros(0), nowhere)
+    return UntouchedPlaces(*map(np.concatenate, zip(none, *touches, strict=True)))
 
 
-def untouched_spans(state: State, goal: Goal) -> SpannedPlaces:
-    """The same without openings near to which anything was touched."""
-    spanned = spanned_by(state, goal)
-    if not len(spanned.openings):
-        return spanned
+def far_from_touch(state: State, goal: Goal) -> UntouchedPlaces:
+    """The same without openings near to which anything was touched, nor others near to touch."""
+    found = untouched_by(state, goal)
+    if not len(found.openings) + len(found.hanging):
+        return found
     contacts = stack_points([one for one in touched_points(state, goal) if len(one.points)])
-    is_far = touch_distances(contacts, spanned.openings) > HALF_OPENING
-    return spanned._replace(openings=spanned.openings[is_far])
+    mouths = found.openings[touch_distances(contacts, found.openings) > HALF_OPENING]
+    hanging = found.hanging[touch_distances(contacts, found.hanging) > HALF_MOUTH]
+    return found._replace(openings=mouths, hanging=hanging)
 
 
 def touched_points(state: State, goal: Goal) -> list[ContactPoints]:

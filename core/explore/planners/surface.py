@@ -357,15 +357,14 @@ def _places(surface: ObservedSurface) -> SurfacePlaces:
     )
     if surface.platform is not None:
         heights = points[:, 2] - surface.platform
-        standing = heights < STANDING_HEIGHT
-        flat = standing
+        flat = standing = _stands(heights)
     if surface.platform is not None and surface.pose is None:
         under = standing | _hangs_over(points, standing, 0.5 * pad_width(surface.pad)) & (
             (heights < BODY) & (normals[:, 2] < DOWNWARD)
         )
     elif surface.platform is not None and surface.pose is not None:
         at_first = surface.pose.to_local(points)[:, 2] - surface.platform
-        flat = (at_first < STANDING_HEIGHT) & (distances > NEAR * pad_width(surface.pad))
+        flat = _stands(at_first) & (distances > NEAR * pad_width(surface.pad))
     spanned = np.zeros(PLACES, np.bool_)
     if len(surface.openings):
         near = point_tree(surface.openings).query(points)[0] < BESIDE
@@ -373,6 +372,14 @@ def _places(surface: ObservedSurface) -> SurfacePlaces:
         bounds = np.where(spanned, np.maximum(bounds, SPANNED_SLOPE * distances), bounds)
     told = points, normals, errors, bounds, distances
     return SurfacePlaces(*told, standing, flat, under, spanned)
+
+
+def _stands(heights: Floats) -> Bools:
+    """At which places (n,) an object stands, by their heights over the platform [m].
+
+    It stands somewhere: what is lowest of a solid that is said to end higher is not understood.
+    """
+    return np.asarray(heights < STANDING_HEIGHT + max(float(heights.min()), 0.0))
 
 
 def _hangs_over(points: Floats, standing: Bools, width: float) -> Bools:

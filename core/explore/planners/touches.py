@@ -11,7 +11,7 @@ import numpy as np
 from palpate.core.arrays import Floats
 from palpate.core.explore.planners import protocol
 from palpate.core.explore.planners.approaches import TouchOffer
-from palpate.core.explore.planners.surface import ObservedSurface, Progress
+from palpate.core.explore.planners.surface import HIDDEN_SLOPE, ObservedSurface, Progress
 from palpate.core.explore.planners.verdict import judge
 from palpate.core.plugins import Range, check_ranges
 
@@ -89,7 +89,8 @@ def next_touch(
     left = surface.left(observation.tried)
     if bound is None:
         bound = surface.rms_bound_95
-    if bound > observation.tolerance and not touches_pay(surface, left):
+    asked_below = observation.limits.underside_share is not None
+    if bound > observation.tolerance and not touches_pay(surface, left, underside=asked_below):
         return protocol.Stop(
             f"the next {PAYING.n_touches} touches would lower neither error nor unknown area by "
             f"{PAYING.min_gain:.0%}"
@@ -133,11 +134,18 @@ def _is_touchable_error_large(observation: protocol.Observation, surface: Observ
     return surface.touchable_bound(observation.tried) > limit
 
 
-def touches_pay(surface: ObservedSurface, left: Floats, settings: PayingSettings = PAYING) -> bool:
+def touches_pay(
+    surface: ObservedSurface,
+    left: Floats,
+    *,
+    underside: bool,
+    settings: PayingSettings = PAYING,
+) -> bool:
     """Whether the best next touches would lower the error bound or what is unknown.
 
     `left` (n,): squared errors at the places of the surface that touches may still take. A place
-    that a touch meets is known as well afterwards as most that were touched.
+    that a touch meets is known as well afterwards as most that were touched. `underside`: whether
+    what the object stood on at first counts as unknown until it is touched.
     """
     gains = [float(left[offer.places].sum()) for offer in surface.offers]
     best = np.argsort(gains)[::-1][: settings.n_touches]
@@ -145,15 +153,20 @@ def touches_pay(surface: ObservedSurface, left: Floats, settings: PayingSettings
     for number in best:
         met[surface.offers[number].places] = True
     met &= left > 0.0
-    counted = ~surface.places.flat
-    bounds, unknown = surface.bounds_there[counted], surface.away[counted]
-    near = surface.places.distances[counted] <= settings.touched_distance
+    places = surface.places
+    unknown = surface.away & ~places.flat | (places.flat if underside else False)
+    counted, hidden = ~places.flat, HIDDEN_SLOPE * places.distances
+    # What a deep hole may hide is more than all else, and no touch beside it lowers that.
+    opened = places.spanned | surface.pits
+    bounds = np.where(opened, np.minimum(surface.bounds_there, hidden), surface.bounds_there)
+    bounds = bounds[counted]
+    near = places.distances[counted] <= settings.touched_distance
     touched = float(np.median(bounds[near])) if near.any() else 0.0
     after = np.where(met[counted], np.minimum(bounds, touched), bounds)
     lower = float(np.square(after).mean()) < (1.0 - settings.min_gain) ** 2 * float(
         np.square(bounds).mean()
     )
-    return lower or int((unknown & met[counted]).sum()) > settings.min_gain * int(unknown.sum())
+    return lower or int((unknown & met).sum()) > settings.min_gain * int(unknown.sum())
 
 
 def has_settled(progress: Sequence[Progress]) -> bool:

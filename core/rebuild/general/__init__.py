@@ -5,6 +5,11 @@ over a narrow band of cells, whose control values are a lattice. Weights and siz
 tuned. It rests on core geometry and the points of `palpate.core.rebuild.contours`.
 """
 
+from palpate.core.rebuild.general.edges import (
+    Edges as Edges,
+    find_edges as find_edges,
+    sharpened as sharpened,
+)
 from palpate.core.rebuild.general.errors import touch_distances as touch_distances
 from palpate.core.rebuild.general.orientation import (
     Orientation as Orientation,

@@ -139,13 +139,13 @@ def surface_errors(
         left = leave_out(solution, count=int(fitted.points.touch.max()) + 1)
         solution, covariance = left.solution, left.covariance
         touched = touch_middles(fitted.points.places, fitted.points.touch)[left.touches]
-        scale = calibration(left, bend_factors(_bends(solution.fit, touched, reach)))
+        scale = calibration(left, bend_factors(surface_bends(solution.fit, touched, reach)))
         held_out = cell * float(np.sqrt(left.squares.mean()))
     else:
         solution, covariance = solved_exactly(solution)
         scale, held_out, count = before.calibration, before.held_out, before.calibrated
     places = _surface_places(solution.fit)
-    bends = _bends(solution.fit, places, reach)
+    bends = surface_bends(solution.fit, places, reach)
     distances = np.asarray(scipy.spatial.cKDTree(fitted.points.places).query(places)[0])
     variances = scale * _variances(solution, covariance, places)
     middles, errors = _by_distance(distances, variances, cell)
@@ -185,7 +185,7 @@ def _smoother(errors: Floats, scale: float) -> Floats:
     return np.asarray(np.sqrt(errors[0] ** 2 + growing * (errors**2 - errors[0] ** 2)))
 
 
-def _bends(fit: ImplicitFit, places: Floats, reach: float) -> Floats:
+def surface_bends(fit: ImplicitFit, places: Floats, reach: float) -> Floats:
     """Largest angle (n,) between the normals at places (n, 3) and `reach` beside them, cells; rad.
 
     Where the band ends nothing is known of it, which counts as flat.

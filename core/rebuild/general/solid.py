@@ -18,11 +18,17 @@ import scipy
 from numpy.typing import ArrayLike
 
 from palpate.core.arrays import Bools, Floats, Ints
-from palpate.core.geometry import SHARP, nearest_points, nearest_search
+from palpate.core.geometry import SHARP, nearest_points, nearest_search, point_tree
 from palpate.core.poses import Pose
 from palpate.core.rebuild.contours import ContactPoints, checked_contacts
 from palpate.core.rebuild.general.band import basis_values
-from palpate.core.rebuild.general.errors import SurfaceErrors, touch_distances
+from palpate.core.rebuild.general.edges import EDGES, Edges, find_edges, sharpened
+from palpate.core.rebuild.general.errors import (
+    ERRORS,
+    SurfaceErrors,
+    surface_bends,
+    touch_distances,
+)
 from palpate.core.rebuild.general.fitting import (
     ImplicitFit,
     TouchedPoints,
@@ -101,11 +107,29 @@ class GeneralSolid(Solid):
     def mesh(self, parts: int = 2) -> Mesh:
         """Triangles, closed, with vertices on the surface; each cell is cut into `parts`.
 
-        Vertices stay where the grid has them where the surface is so sharp that, moved onto it,
-        their triangles would cross.
+        At sharp edges they lie on the faces that meet there. Vertices stay where the grid has them
+        where the surface is so sharp that, moved onto it, their triangles would cross.
         """
         places, moved, faces = self._surface(parts)
-        return Mesh(without_crossings(places, moved, faces, RETREATS), faces)
+        vertices = without_crossings(places, moved, faces, RETREATS)
+        if self.edges is None:
+            return Mesh(vertices, faces)
+        sharp = sharpened(self.edges, vertices, faces)
+        if self.platform is not None:
+            standing = vertices[:, 2] <= self.platform
+            sharp[standing] = vertices[standing]
+            sharp[:, 2] = np.maximum(sharp[:, 2], self.platform)
+        return Mesh(without_crossings(vertices, sharp, faces, RETREATS), faces)
+
+    @cached_property
+    def edges(self) -> Edges | None:
+        """Its sharp edges, as touched points on both sides tell; None if there are none."""
+        vertices = self._surface(2)[1]
+        places = (vertices - self.origin) / self.cell
+        bends = surface_bends(self.fit, places, ERRORS.bend_reach / self.cell)
+        touched, normals = self.contacts.points, np.asarray(self.contacts.normals)
+        touched = touched + self.cell * self.fit.displacements[self.contacts.touch]
+        return find_edges(vertices[bends > EDGES.min_bend], touched, normals)
 
     @cached_property
     def rough_mesh(self) -> Mesh:
@@ -138,8 +162,8 @@ class GeneralSolid(Solid):
     def closest(self, points: ArrayLike) -> Closest:
         """As `Solid.closest`, moved from the mesh onto the spline where that is the surface.
 
-        It is not where the solid is cut off at its platform, or where the spline's gradient and the
-        mesh's normal point apart, as at edges.
+        It is not where the solid is cut off at its platform, near to its sharp edges, or where the
+        spline's gradient and the mesh's normal point apart.
         """
         found = self.final_mesh.closest(points)
         places = self.project(found.points)
@@ -150,6 +174,8 @@ class GeneralSolid(Solid):
         on_spline = (along > np.cos(SHARP)) & (slope[:, 0] >= LEAST_SLOPE)  # False where it is NaN
         if self.platform is not None:
             on_spline &= found.points[:, 2] > self.platform
+        if self.edges is not None:
+            on_spline &= point_tree(self.edges.places).query(found.points)[0] > EDGES.kept
         places = np.where(on_spline[:, None], places, found.points)
         normals = np.where(on_spline[:, None], normals, found.normals)
         offset = np.asarray(points, np.float64).reshape(-1, 3) - places

@@ -84,6 +84,21 @@ def test_can_turns_freely_and_is_said_to_look_alike():
         assert off_along_normals(CAN, other, lies) > 0.0  # it is another pose of the same surface
 
 
+def test_height_of_what_was_met_on_upright_sides_alone_is_that_at_which_it_stands():
+    """Nothing else tells of it: without a platform it would stay where it was looked for."""
+    prism = Superquadric(np.array([0.03, 0.02, 0.025]), np.array([0.02, 0.5])).mesh(5)
+    lies = set_down(RestingSolid(*prism), UPSIDE_DOWN, 0.0, 1, 1)
+    points, normals = met(prism, lies, 0, 400)
+    upright = (np.abs(normals[:, 2]) < 0.02) & (np.abs(points[:, 2] - 0.025) < 0.015)
+    assert upright.sum() > 40
+    surface, resting = known(prism), RestingSolid(*prism)
+    met_there = points[upright], normals[upright]
+    for platform in (0.0, -1.0e-3):
+        found = place_object(surface, resting, *met_there, UPSIDE_DOWN.axes, platform)
+        assert found is not None
+        assert found.pose.position[2] == pytest.approx(lies.position[2] + platform, abs=0.1e-3)
+
+
 def test_contacts_of_another_object_or_too_few_give_no_pose():
     lies = set_down(RestingSolid(*WEDGE), UPSIDE_DOWN, 0.0, 1, 1)
     points, normals = met(WEDGE, lies, 0)

@@ -237,9 +237,13 @@ def test_strip_between_sides_that_lean_together_is_no_opening(lean, opens):
     points = END.to_outer(np.column_stack([x[touched], y[touched], np.zeros(touched.sum())]))
     aside = np.sin(lean) * np.sign(points[:, 0])
     normals = np.column_stack([aside, 0.0 * aside, np.sqrt(1.0 - aside**2)])
-    spans = explore.sorted_spans(PAD, END, touched, points, normals)
-    assert [len(one) for one in spans] == ([64, 0, 0] if opens else [0, 64, 64])
+    spans = explore.untouched_places(PAD, END, touched, points, normals)
+    assert [len(one) for one in spans] == ([64, 0, 0, 0] if opens else [0, 64, 64, 0])
     assert spans.slopes == pytest.approx(np.tan(0.3))
+    touched[:, 10:] = False  # on one side alone: every second taxel, along rows and columns
+    spans = explore.untouched_places(PAD, END, touched, points, normals)
+    assert [len(one) for one in spans] == [0, 0, 0, 40]
+    touched[:, 10:] = True
     touched[[0, -1]] = True  # all around: whatever the sides, it may be deep
-    spans = explore.sorted_spans(PAD, END, touched, points, normals)
-    assert [len(one) for one in spans] == [56, 0, 0]
+    spans = explore.untouched_places(PAD, END, touched, points, normals)
+    assert [len(one) for one in spans] == [56, 0, 0, 0]

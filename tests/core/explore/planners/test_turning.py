@@ -42,6 +42,14 @@ def test_nothing_is_turned_where_no_side_brings_more_or_nothing_stands():
     assert choose_turn(standing(platform=None), 2e-4, underside=True) is None
 
 
+@pytest.mark.parametrize("gap", [0.0, 3e-3])
+def test_what_is_lowest_stands_however_high_a_solid_is_said_to_end(gap):
+    raised = shapes.Mesh(BRICK.vertices + [0.0, 0.0, gap], BRICK.faces)
+    surface = solid(raised, EXACT, lambda at: 12e-3 if at[2] < gap + 1e-3 else 1e-3).surface
+    assert surface.findings.underside_share == pytest.approx(0.24, abs=0.06)
+    assert choose_turn(surface, 2e-4, underside=True) is not None
+
+
 def test_thin_object_is_not_laid_flat_where_no_hand_can_feel_it():
     blade = shapes.Superquadric(np.array([0.03, 0.0015, 0.02]), np.array([0.15, 0.15])).mesh(4)
     blade = shapes.Mesh(blade.vertices + [0.0, 0.0, 0.02], blade.faces)

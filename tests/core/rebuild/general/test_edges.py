@@ -1,0 +1,128 @@
+"""Sharp edges: found where touched points tell of both sides, and nowhere else."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from palpate.core.arrays import Floats
+from palpate.core.geometry import nearest_points, nearest_search, self_intersection, solidity
+from palpate.core.rebuild.contours import ContactPoints
+from palpate.core.rebuild.general import Edges, find_edges, rebuild_general, sharpened
+from palpate.core.shapes import Mesh
+
+NOISE = 0.02e-3
+BENT = np.column_stack([0.4e-3 * np.ones(9), np.linspace(-0.012, 0.012, 9), -0.3e-3 * np.ones(9)])
+
+
+def two_faces(lean: float, nearest: float = 0.3e-3, radius: float = 0.0) -> ContactPoints:
+    """Points of two faces that meet along the y axis, each leaning by `lean` [rad].
+
+    From a distance `nearest` on [m]; rounded with a radius [m]. Negative leans make a groove.
+    """
+    way, along = np.meshgrid(np.arange(nearest, 0.012, 0.7e-3), np.arange(-0.02, 0.02, 1e-3))
+    way, along = way.ravel(), along.ravel()
+    noise = NOISE * np.random.default_rng(0).normal(size=(2, len(way)))
+    points, normals = [], []
+    for side, off in zip((-1.0, 1.0), noise, strict=True):
+        normal = np.array([side * math.sin(lean), 0.0, math.cos(lean)])
+        down = np.array([side * math.cos(lean), 0.0, -math.sin(lean)])
+        own = way[:, None] * down + along[:, None] * [0.0, 1.0, 0.0]
+        facing = np.broadcast_to(normal, own.shape)
+        if radius:  # the middle of the circle that touches both faces
+            middle = own * [0.0, 1.0, 0.0] - [0.0, 0.0, radius / math.cos(lean)]
+            around = own - middle
+            around /= np.linalg.norm(around, axis=1, keepdims=True)
+            is_round = way[:, None] < radius * math.tan(lean)
+            own = np.where(is_round, middle + radius * around, own)
+            facing = np.where(is_round, around, facing)
+        points.append(own + off[:, None] * facing)
+        normals.append(facing)
+    every = np.concatenate(points)
+    return ContactPoints(every, np.concatenate(normals), np.arange(len(every), dtype=np.int32))
+
+
+def edges_of(touched: ContactPoints) -> Edges | None:
+    assert touched.normals is not None
+    return find_edges(BENT, touched.points, touched.normals)
+
+
+def one_side(touched: ContactPoints) -> ContactPoints:
+    return ContactPoints(*(one[: len(touched.points) // 2] for one in touched if one is not None))
+
+
+@pytest.mark.parametrize("degrees", [30, 45, 60, -30, -45])
+def test_edge_lies_where_both_faces_meet(degrees: float):
+    lean = math.radians(degrees)
+    found = edges_of(two_faces(lean))
+    assert found is not None and len(found.places) > 5
+    assert np.abs(found.places[:, [0, 2]]).max() < 0.05e-3
+    x, y = np.meshgrid(np.linspace(-3e-3, 3e-3, 14), np.linspace(-8e-3, 8e-3, 17))
+    blunt = -np.sqrt(1e-6 + (x * math.tan(lean)) ** 2) * np.sign(lean)
+    vertices = np.column_stack([x.ravel(), y.ravel(), blunt.ravel()])
+    corner = np.arange(17 * 14).reshape(17, 14)[:-1, :-1].ravel()
+    halves = ([0, 1, 15], [0, 15, 14])
+    faces = np.concatenate([corner[:, None] + half for half in halves]).astype(np.int32)
+    moved = sharpened(found, vertices, faces)
+    near = np.abs(x.ravel()) < 2.5e-3 * math.cos(lean)
+    wanted = -np.abs(moved[:, 0]) * math.tan(lean)
+    assert moved[near, 2] == pytest.approx(wanted[near], abs=0.06e-3)
+    on_edge = np.abs(moved[:, 0]) < 0.05e-3
+    sides = np.where(on_edge, 0, np.sign(moved[:, 0]))[faces]
+    assert on_edge.sum() >= 17 and (sides.max(axis=1) - sides.min(axis=1) < 2).all()
+    untouched = vertices + [0.0, 0.0, 0.02]
+    assert np.array_equal(sharpened(found, untouched, faces), untouched)
+
+
+@pytest.mark.parametrize(
+    "touched",
+    [
+        two_faces(math.radians(45), radius=3.0e-3),
+        two_faces(math.radians(45), nearest=2.2e-3),  # it may be rounded: nobody touched it
+        two_faces(math.radians(12)),
+        one_side(two_faces(math.radians(45))),
+    ],
+    ids=["rounded", "untouched", "flat", "one side"],
+)
+def test_what_points_do_not_confirm_is_no_edge(touched: ContactPoints):
+    assert edges_of(touched) is None
+
+
+def box_points(size: Floats, step: float) -> ContactPoints:
+    """Points all over a box, up to a quarter of a step from its edges."""
+    points, normals = [], []
+    for axis in range(3):
+        across = [other for other in range(3) if other != axis]
+        rows = [np.arange(0.25 * step, size[one], step) for one in across]
+        grid = np.stack(np.meshgrid(*rows), axis=-1).reshape(-1, 2)
+        for side in (0.0, 1.0):
+            own = np.zeros((len(grid), 3))
+            own[:, across], own[:, axis] = grid, side * size[axis]
+            points.append(own)
+            normals.append(np.broadcast_to((2.0 * side - 1.0) * np.eye(3)[axis], own.shape))
+    every = np.concatenate(points)
+    return ContactPoints(every, np.concatenate(normals), np.arange(len(every), dtype=np.int32))
+
+
+def test_solid_of_a_box_has_its_edges():
+    """Within a tenth of a millimetre, where the spline rounds them off; and it stays closed."""
+    size = np.array([0.03, 0.024, 0.02])
+    solid = rebuild_general(box_points(size, 1.25e-3), outward=True, pose=0.0)
+    assert solid.edges is not None
+    mesh = solid.mesh()
+    body = solidity(*mesh)
+    assert body.watertight and body.genus == 0 and not self_intersection(*mesh).count
+    away = np.abs(np.linspace(0.0, size[0], 40)[:, None] * [1.0, 0.0, 0.0])
+    for corner in ([0, 0, 0], [0, 1, 0], [0, 0, 1], [0, 1, 1]):
+        places = away + size * corner
+        inner = slice(4, -4)  # at its corners three edges meet
+        off = {
+            name: nearest_points(nearest_search(one.vertices[one.faces]), places[inner]).distances
+            for name, one in (("sharp", mesh), ("spline", solid.rough_mesh))
+        }
+        assert off["sharp"].max() < 0.1e-3 < 0.3e-3 < off["spline"].max()
+    assert isinstance(mesh, Mesh)
+    on_edge = size * [0.5, 0.0, 0.0]
+    assert abs(solid.closest(on_edge[None]).distances[0]) < 0.1e-3
