@@ -42,13 +42,18 @@ class PlacingSettings:
     n_best: int = 12  # poses, no two of them alike, that are followed to the end
     fine_steps: int = 25
     tolerance: float = 1.0e-4  # a step that promises to lower the cost by less than its square ends
-    normal_error: float = 0.25  # standard deviation of a normal's components
+    normal_error: float = 0.25  # standard deviation of a normal's components, at least
+    # [m] about a place, within which the largest angle between normals counts as an error, too: at
+    # an edge a contact's normal is that of neither face.
+    edge_reach: float = 2.0e-3
+    n_neighbours: int = 16  # of a place that are looked at
     least_error: float = 0.2e-3  # [m] of a place of the surface: how far apart places are counts
     outlier: float = 3.0  # deviations from which on a contact counts as an outlier
     same_angle: float = math.radians(8.0)  # poses turned by less are one [rad]
     # Costs are negative logarithms of likelihoods, half the squares of what is off.
     rocked_angle: float = math.radians(10.0)  # leaning more than asked, it has rocked [rad]
     rocked_cost: float = 4.0  # of that: it happens in a few of a hundred turns
+    rocked_growth: float = 3.0  # [1/rad] of that cost with the angle: it seldom rolls far
     same_cost: float = 4.0  # poses are as good as the best if their cost is larger by no more
     max_cost: float = 2.0  # of each contact, of the best pose: beyond it the pose is not known
     min_contacts: int = 8
@@ -102,7 +107,9 @@ def place_object(
     costs = fine.cost.copy()
     if asked is not None:
         upright = np.array([one.axes[2] @ asked[2] for one in poses])
-        costs += settings.rocked_cost * (upright < math.cos(settings.rocked_angle))
+        beyond = np.arccos(np.clip(upright, -1.0, 1.0)) - settings.rocked_angle
+        rocked = settings.rocked_cost + settings.rocked_growth * beyond
+        costs += np.where(beyond > 0.0, rocked, 0.0)
     first, *others = _unlike(poses, costs, settings.same_angle)
     if not fine.cost[first] <= settings.max_cost * len(points):
         return None
@@ -168,6 +175,14 @@ class _Registration:
         self.middle = points.mean(axis=0)
         self.tree = point_tree(surface.points)
         self.errors = np.maximum(surface.errors, settings.least_error)
+        near = self.tree.query(
+            surface.points, settings.n_neighbours, distance_upper_bound=settings.edge_reach
+        )[1]
+        beside = np.concatenate([surface.normals, np.zeros((1, 3))])[near]
+        cosines = np.einsum("nki,ni->nk", beside, surface.normals)
+        cosines[near == len(surface.points)] = 1.0
+        turned = np.arccos(np.clip(cosines.min(axis=1), -1.0, 1.0))
+        self.normal_errors = np.hypot(turned, settings.normal_error)
         self.hull_errors = self.errors[self.tree.query(hull)[1]]
 
     def solve(self, starts: list[Pose], steps: int) -> Solutions:
@@ -217,14 +232,15 @@ class _Registration:
         there, errors = self.surface.normals[nearest], self.errors[nearest]
         off = np.einsum("bni,bni->bn", moved - self.surface.points[nearest], there) / errors
         turned = self.normals @ rotations.transpose(0, 2, 1)
-        apart = (turned - there) / self.settings.normal_error
+        loose = self.normal_errors[nearest][..., None]
+        apart = (turned - there) / loose
         bends = right_jacobians(parameters[:, :3])
         along = there / errors[..., None]
         local = np.cross(self.points - self.middle, along @ rotations)
         by_place = np.concatenate([local @ bends, along], axis=2)
         by_normal = -rotations[:, None] @ cross_matrices(self.normals) @ bends[:, None]
         by_normal = np.concatenate([by_normal, np.zeros_like(by_normal)], axis=3)
-        by_normal = by_normal.reshape(len(turns), -1, 6) / self.settings.normal_error
+        by_normal = (by_normal / loose[..., None]).reshape(len(turns), -1, 6)
         height, by_height = self._heights(rotations, shifts + parameters[:, 3:], bends)
         residuals = np.concatenate([off, apart.reshape(len(turns), -1), height], axis=1)
         return residuals, np.concatenate([by_place, by_normal, by_height], axis=1)

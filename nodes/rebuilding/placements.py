@@ -39,6 +39,8 @@ class LocatingSettings:
     standing: float = 0.2e-3  # [m] faces lower than this over the platform are the underside
     underside_area: float = 12.0e-6  # [m^2] for which one place of the underside stands
     mistaken_places: int = 2_000  # at which the solid is compared with itself, turned
+    # Error of a place that is much bent, of a cell for each radian: the spline rounds edges off.
+    blunt: float = 0.25
     otherwise: float = math.radians(10.0)  # [rad] a larger lean from what was asked is told
 
 
@@ -88,7 +90,8 @@ def _place(
     mesh = solid.mesh(1)  # with its edges, at which hands often meet it
     corners = mesh.vertices[mesh.faces]
     places, faces = sample_surface(corners, LOCATING.places, np.random.default_rng(0))
-    errors = solid.expected_errors(places)[0]
+    bends = np.where(solid.is_sharp(places), 0.0, solid.bends(places))
+    errors = np.hypot(solid.expected_errors(places)[0], LOCATING.blunt * solid.cell * bends)
     surface = KnownSurface(places, areas_and_normals(corners)[1][faces], errors)
     resting = RestingSolid(mesh.vertices, mesh.faces)
     met = contacts.points, contacts.normals

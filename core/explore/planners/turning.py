@@ -23,7 +23,7 @@ class TurningSettings:
     """When an object is turned over, and on which side it is set down."""
 
     min_upward: float = -0.3  # upward part of the normals of what a finger reaches
-    min_height: float = 12.0e-3  # [m] over the platform of what it reaches, unless it faces up
+    min_height: float = 8.0e-3  # [m] over the platform of what it reaches, unless it faces up
     facing_up: float = 0.7  # upward part of normals that face up
     min_gain: float = 0.1  # fraction of all squared errors that it must bring within reach
     near_best: float = 0.95  # of the largest gain: of such sides the most stable is taken

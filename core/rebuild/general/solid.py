@@ -125,16 +125,20 @@ class GeneralSolid(Solid):
     def edges(self) -> Edges | None:
         """Its sharp edges, as touched points on both sides tell; None if there are none."""
         vertices = self._surface(2)[1]
-        places = (vertices - self.origin) / self.cell
-        bends = surface_bends(self.fit, places, ERRORS.bend_reach / self.cell)
         touched, normals = self.contacts.points, np.asarray(self.contacts.normals)
         touched = touched + self.cell * self.fit.displacements[self.contacts.touch]
-        return find_edges(vertices[bends > EDGES.min_bend], touched, normals)
+        return find_edges(vertices[self.bends(vertices) > EDGES.min_bend], touched, normals)
 
     @cached_property
     def rough_mesh(self) -> Mesh:
-        """Triangles of whole cells, for a look on the way: at sharp edges some may cross."""
+        """Triangles of whole cells, for a look on the way: at sharp edges some may cross.
+
+        Of halves of cells where an end is so thin that whole ones lose it.
+        """
         _, moved, faces = self._surface(1)
+        away = point_tree(moved, balanced=False).query(self.contacts.points)[0]
+        if len(moved) and away.max() > self.cell:
+            _, moved, faces = self._surface(2)
         return Mesh(moved, faces)
 
     def _surface(self, parts: int) -> tuple[Floats, Floats, Ints]:
@@ -156,6 +160,17 @@ class GeneralSolid(Solid):
                 one[flat, 2] = self.origin[2]
         return places, moved, faces
 
+    def bends(self, places: Floats) -> Floats:
+        """By how much (n,) the surface turns about places (n, 3) on it, within 3 mm [rad]."""
+        reach = ERRORS.bend_reach / self.cell
+        return surface_bends(self.fit, (places - self.origin) / self.cell, reach)
+
+    def is_sharp(self, places: Floats) -> Bools:
+        """Which places (n, 3) of the surface lie on the faces that meet at a sharp edge."""
+        if self.edges is None:
+            return np.zeros(len(places), np.bool_)
+        return np.asarray(point_tree(self.edges.places).query(places)[0] < EDGES.moved)
+
     def __repr__(self) -> str:
         return f"<GeneralSolid {self._size()} m, of {len(self.fit.displacements)} touches>"
 
@@ -174,8 +189,7 @@ class GeneralSolid(Solid):
         on_spline = (along > np.cos(SHARP)) & (slope[:, 0] >= LEAST_SLOPE)  # False where it is NaN
         if self.platform is not None:
             on_spline &= found.points[:, 2] > self.platform
-        if self.edges is not None:
-            on_spline &= point_tree(self.edges.places).query(found.points)[0] > EDGES.kept
+        on_spline &= ~self.is_sharp(found.points)
         places = np.where(on_spline[:, None], places, found.points)
         normals = np.where(on_spline[:, None], normals, found.normals)
         offset = np.asarray(points, np.float64).reshape(-1, 3) - places
