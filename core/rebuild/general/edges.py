@@ -5,7 +5,8 @@ is bent much, touched points about a place are told apart by their normals, and 
 as a paraboloid of its own. The solid is the intersection of both where they meet at a ridge, their
 union where they meet in a groove (as in *Robust moving least-squares fitting with sharp features*,
 Fleishman, Cohen-Or and Silva, 2005). We depart from it: an edge is taken for sharp only if points
-beside it, close to it on both sides, agree. So edges that are rounded stay as the spline has them.
+beside it, close to it on both sides, agree; or, where there are none, if that is so of most edges
+of the object. So edges that are rounded stay as the spline has them.
 
 Vertices of a mesh near to edges are moved onto these faces. Of each side of a triangle that crosses
 an edge one end is moved onto the edge itself (as by Kobbelt et al., *Feature sensitive surface
@@ -38,11 +39,11 @@ class EdgeSettings:
     apart: float = math.radians(40.0)  # [rad] from that mean, where normals of another may begin
     min_points: int = 12  # of a face
     bandwidth: float = 5.0e-3  # [m] standard deviation of the weights of points by distance
-    curvature: float = 60.0  # [1/m] standard deviation of a face's, before it is fitted
+    curvature: float = 30.0  # [1/m] standard deviation of a face's, before it is fitted
     point_error: float = 0.05e-3  # [m] standard deviation of a touched point
     outlier: float = 2.5  # deviations from which on a point counts as an outlier
     min_angle: float = math.radians(40.0)  # [rad] between the faces at an edge
-    max_shift: float = 3.0e-3  # [m] of an edge from the spline's surface
+    max_shift: float = 5.0e-3  # [m] of an edge from the spline's surface
     # An edge is sharp if this share of the touched points so near to it lies so near to the faces,
     # and so many points of each face lie so near to it.
     tested: float = 2.5e-3  # [m] from the edge
@@ -50,8 +51,12 @@ class EdgeSettings:
     fits: float = 0.12e-3  # [m] from the faces
     beside: float = 1.5e-3  # [m] from the other face
     min_beside: int = 2
-    moved: float = 3.0e-3  # [m] from an edge, up to where vertices are moved all the way
-    kept: float = 5.0e-3  # [m] from an edge, from where on they stay
+    # Where fewer points lie so near, most of the object's edges elsewhere tell: where this share of
+    # those that were tested is sharp, the others are taken for sharp as well.
+    min_tested: int = 6
+    usual_share: float = 0.7
+    moved: float = 4.5e-3  # [m] from an edge, up to where vertices are moved all the way
+    kept: float = 7.0e-3  # [m] from an edge, from where on they stay
     n_blended: int = 3  # places on edges, the nearest, whose faces move a vertex
     # Way of a vertex onto an edge, of the side's length that crosses it.
     max_way: float = 2.0
@@ -72,6 +77,11 @@ class Edges(NamedTuple):
     # The solid is what the first two faces enclose together, and the third with these: of each two
     # the intersection where they meet at a ridge, else the union. The third may be the second.
     ridges: Bools  # (e, 2)
+
+    def only(self, kept: Bools) -> Edges:
+        """Those where a mask (e,) is set."""
+        surfaces = self.origins[kept], self.frames[kept], self.coefficients[kept]
+        return Edges(self.places[kept], *surfaces, self.ridges[kept])
 
     def faces_at(self, which: Ints, places: Floats) -> tuple[Floats, Floats]:
         """Signed distances (n, 3) of places (n, 3) from the faces about edges `which` (n,).
@@ -201,25 +211,35 @@ def _sharp_ones(edges: Edges, points: Floats) -> Edges | None:
     creases, angles = _onto_crease(edges, every, edges.places, pair)
     shifts = np.linalg.norm(creases - edges.places, axis=1)
     good = (angles > EDGES.min_angle) & (shifts < EDGES.max_shift)
-    every, creases, pair = every[good], creases[good], pair[good]
-    near = point_tree(points).query_ball_point(creases, EDGES.tested)
-    counts = np.array([len(one) for one in near], np.int64)
-    if not counts.sum():
+    if not good.any():
         return None
-    number = np.repeat(np.arange(len(every)), counts)
+    edges, creases, pair = edges.only(good), creases[good], pair[good]
+    counts, confirmed = _confirmed(edges, creases, pair, points)
+    tested = counts >= EDGES.min_tested
+    usual = tested.any() and confirmed[tested].mean() >= EDGES.usual_share
+    kept = confirmed | (~tested if usual else False)
+    if not kept.any():
+        return None
+    return edges.only(kept)._replace(places=creases[kept])
+
+
+def _confirmed(edges: Edges, creases: Floats, pair: Ints, points: Floats) -> tuple[Ints, Bools]:
+    """How many points lie beside each crease (e, 3), and whether they agree with the faces there.
+
+    `pair` (e, 2): the two faces that meet.
+    """
+    near = point_tree(creases).query_ball_tree(point_tree(points), EDGES.tested)
+    counts = np.array([len(one) for one in near], np.int32)
+    number = np.repeat(np.arange(len(creases), dtype=np.int32), counts)
     beside = points[np.concatenate([np.array(one, np.int64) for one in near])]
-    distances = edges.faces_at(every[number], beside)[0]
-    rows = np.arange(len(number))
-    fits = np.abs(distances[rows, edges.active(every[number], distances)]) < EDGES.fits
-    confirmed = np.bincount(number, fits, len(every)) >= EDGES.min_share * counts
+    distances, rows = edges.faces_at(number, beside)[0], np.arange(len(number))
+    fits = np.abs(distances[rows, edges.active(number, distances)]) < EDGES.fits
+    confirmed = np.bincount(number, fits, len(creases)) >= EDGES.min_share * counts
     for own, other in ((0, 1), (1, 0)):
         on_face = np.abs(distances[rows, pair[number, own]]) < EDGES.fits
         close = np.abs(distances[rows, pair[number, other]]) < EDGES.beside
-        confirmed &= np.bincount(number, on_face & close, len(every)) >= EDGES.min_beside
-    if not confirmed.any():
-        return None
-    kept = Edges(*(one[every[confirmed]] for one in edges))
-    return kept._replace(places=creases[confirmed])
+        confirmed &= np.bincount(number, on_face & close, len(creases)) >= EDGES.min_beside
+    return counts, confirmed
 
 
 def _crossing_pair(edges: Edges, which: Ints, distances: Floats, normals: Floats) -> Ints:

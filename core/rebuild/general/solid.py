@@ -136,9 +136,10 @@ class GeneralSolid(Solid):
         Of halves of cells where an end is so thin that whole ones lose it.
         """
         _, moved, faces = self._surface(1)
-        away = point_tree(moved, balanced=False).query(self.contacts.points)[0]
-        if len(moved) and away.max() > self.cell:
-            _, moved, faces = self._surface(2)
+        if self.cell >= FINE and len(moved):
+            away = point_tree(moved, balanced=False).query(self.contacts.points)[0]
+            if np.max(away) > self.cell:
+                _, moved, faces = self._surface(2)
         return Mesh(moved, faces)
 
     def _surface(self, parts: int) -> tuple[Floats, Floats, Ints]:
