@@ -16,6 +16,7 @@ import scipy
 from numpy.typing import ArrayLike
 
 from palpate.core.arrays import Bools, Floats, Ints, check_extent, finite_array, positive
+from palpate.core.geometry import linked_groups
 from palpate.core.rebuild.contours import ContactPoints, checked_contacts
 from palpate.core.rebuild.general import solid
 from palpate.core.rebuild.general.band import basis_values, make_band
@@ -53,7 +54,6 @@ HULL_POINTS = 5_000  # More say no more about the hull
 MOST_POINTS = 30_000  # More are thinned out
 ROUNDS = 2  # Of weighing outliers, where nothing is known of them
 CUBE = np.moveaxis(np.indices((2, 2, 2)), 0, -1).reshape(-1, 3).astype(float)  # Corners
-WHOLE = 2  # Euler's number of one closed surface without holes
 FLAT = 1e-6  # Root mean square distance from a plane: what is nearer lies in it, m
 
 
@@ -185,8 +185,15 @@ def _untorn(
 
 
 def tears(mesh: Mesh) -> int:
-    """By how much Euler's number of a closed surface differs from that of one without holes."""
-    return abs(len(np.unique(mesh.faces)) - len(mesh.faces) // 2 - WHOLE)
+    """How many holes go through a closed surface, and of how many parts more than one it is."""
+    if not len(mesh.faces):
+        return 0
+    used, numbers = np.unique(mesh.faces, return_inverse=True)
+    first, second, third = numbers.reshape(-1, 3).T
+    ends = np.concatenate([first, second]), np.concatenate([second, third])
+    parts = int(linked_groups(len(used), *ends).max()) + 1
+    euler = len(used) - len(mesh.faces) // 2
+    return parts - 1 + (2 * parts - euler) // 2
 
 
 def _rebuilt(
