@@ -67,6 +67,7 @@ class GridSettings(NamedTuple):
     max_cells: int = 5_000  # of a spline's band
     max_wall_cells: int = 12_000  # of one whose cells are small for the sake of thin walls
     small_cell: float = 0.9  # fraction of the cells asked for, below which cells count as such
+    more_touches: float = 1.25  # times as many until such cells are tried again in a draft
     cells_per_square: float = 2.0  # cells of a band for each cell's square of surface
     max_voxels: float = 1.5e6  # of the coarse solid, its margin apart
 
@@ -172,16 +173,20 @@ def _untorn(
     cell = max(cell, least_cell(points, known.platform))
     finer = grid._replace(max_cells=grid.max_wall_cells)
     walls = max(wall_cell(known.touched, cell), least_cell(points, known.platform, finer))
-    plain = None
-    if walls >= cell or start is None or start.cell > grid.small_cell * cell:
-        plain = _rebuilt(known, cell, grid, start, step)
-    if plain is not None and (walls >= cell or not tears(plain.rough_mesh)):
+    if walls < cell and start is not None and start.cell <= grid.small_cell * cell:
+        return _rebuilt(known, walls, finer, start if known.draft else None, step)
+    plain = _rebuilt(known, cell, grid, start, step)
+    if walls >= cell or not tears(plain.rough_mesh):
         return plain
+    touches = len(plain.fit.displacements)
+    tried = 0 if start is None or not known.draft else start.tried_walls
+    if touches < grid.more_touches * tried:
+        return replace(plain, tried_walls=tried)
     # From nothing: what larger cells have torn would stay so.
     found = _rebuilt(known, walls, finer, None, step)
-    if known.draft or plain is None or tears(found.rough_mesh) < tears(plain.rough_mesh):
+    if tears(found.rough_mesh) < tears(plain.rough_mesh):
         return found
-    return plain  # too little was touched for small cells to tell more
+    return replace(plain, tried_walls=touches)  # too little was touched for small cells
 
 
 def tears(mesh: Mesh) -> int:

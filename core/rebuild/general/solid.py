@@ -84,6 +84,7 @@ class GeneralSolid(Solid):
     placement: Ints = field(default_factory=lambda: np.zeros(0, np.int32))
     # What moves `contacts` of each later placement to where they fit
     motions: tuple[Pose, ...] = ()
+    tried_walls: int = 0  # Touches with which cells as small as its walls tore it no less; 0: never
 
     def evaluate(self, places: Floats) -> tuple[Floats, Floats]:
         """The spline, m, and its gradient at places (n, 3): (n,), (n, 3); NaN beyond the band."""
