@@ -169,7 +169,8 @@ def _paraboloid(points: Floats, normal: Floats) -> _Face:
     x, y, z = (points @ frame).T
     terms = np.column_stack([np.ones_like(x), x, y, x * x, x * y, y * y])
     shares = np.exp(-0.5 * (x * x + y * y) / EDGES.bandwidth**2) / EDGES.point_error
-    believed = np.diag([0.0, 0.0, 0.0, 1.0, 1.0, 1.0]) / EDGES.curvature**2
+    curved = 1.0 / EDGES.curvature**2
+    believed = np.diag([1.0, 1.0, 1.0, curved, curved, curved])  # a metre and 45 degrees are large
     inlying, coefficients = np.ones(len(z)), np.zeros(6)
     for _ in range(FIT_ROUNDS):
         rows = terms * (shares * inlying)[:, None]
