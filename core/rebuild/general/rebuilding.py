@@ -174,7 +174,10 @@ def _untorn(
     finer = grid._replace(max_cells=grid.max_wall_cells)
     walls = max(wall_cell(known.touched, cell), least_cell(points, known.platform, finer))
     if walls < cell and start is not None and start.cell <= grid.small_cell * cell:
-        return _rebuilt(known, walls, finer, start if known.draft else None, step)
+        found = None if known.draft else _rebuilt(known, walls, finer, None, step)
+        if found is None or tears(found.rough_mesh) > tears(start.rough_mesh):
+            return _rebuilt(known, walls, finer, start, step)
+        return found
     plain = _rebuilt(known, cell, grid, start, step)
     if walls >= cell or not tears(plain.rough_mesh):
         return plain
