@@ -19,6 +19,7 @@ from palpate.core.rebuild.general.rebuilding import (
     fitting_cell as fitting_cell,
     is_flat as is_flat,
     rebuild_general as rebuild_general,
+    tears as tears,
 )
 from palpate.core.rebuild.general.solid import (
     FINE as FINE,

@@ -142,6 +142,18 @@ def test_spanned_opening_is_unknown_until_touched():
     assert failures(replace(lying, underside_share=0.0)) == ["underside"]
 
 
+def test_deep_hole_does_not_end_touches_of_the_rest():
+    """What it may hide is far more than what touches elsewhere bring."""
+    top = MIDDLE + [0.0, 0.0, RADIUS]
+    mouth = top + 1e-3 * np.array([[x, y, 0.0] for x in (-2, 0, 2) for y in (-2, 0, 2)])
+    away = lambda at: max(6e-3 - float(np.linalg.norm(at - top)), 1e-3)  # noqa: E731
+    tried = np.array([top, top])
+    choice = Touches().next(ball(towards(1, 0, 0), away, openings=mouth, aimed=tried))
+    assert isinstance(choice, Touch) and choice.target[0] > 0.5 * RADIUS
+    known_rest = Touches().next(ball(EXACT, away, openings=mouth, aimed=tried))
+    assert isinstance(known_rest, Stop)
+
+
 @pytest.mark.parametrize(("bend", "hides"), [((-1, -1), True), ((-1, 0), False), ((-1, 1), False)])
 def test_pit_that_holds_pad_off_may_be_the_mouth_of_a_hole(bend, hides):
     """A table with a pit, a valley or a saddle in its middle, 5 mm from every touch there."""

@@ -73,6 +73,8 @@ def test_what_it_stood_on_is_flat_until_touched_and_is_touched_next():
     assert isinstance(choice, Touch) and choice.pose.axes[2, 2] < -0.5  # from above
     names = [one.name for one in estimate_error(demanded).verdict.failed]
     assert "underside" in names
+    fine = replace(demanded, tolerance=1e-5)  # of the rest no touch tells more
+    assert isinstance(Touches().next(fine), Touch)
     touched = replace(turned, distances=np.full(len(mesh.vertices), 1e-3))
     assert touched.findings.underside_share == 0.0
 

@@ -7,9 +7,10 @@ import pytest
 import scipy
 import trimesh
 
-from palpate.core.arrays import Floats
+from palpate.core.arrays import Floats, Ints
 from palpate.core.rebuild.contours import ContactPoints
-from palpate.core.rebuild.general import rebuild_general, wall_cell, wall_thickness
+from palpate.core.rebuild.general import rebuild_general, tears, wall_cell, wall_thickness
+from palpate.core.shapes import Mesh
 
 CELL = 4.0e-3
 
@@ -76,6 +77,16 @@ def cup_points(thickness: float) -> tuple[Floats, Floats]:
             points.append(place[:, :1] * out + place[:, 1:] * up)
             normals.append(np.tile(normal[0] * out + normal[1] * up, (len(place), 1)))
     return np.concatenate(points), np.concatenate(normals)
+
+
+def test_holes_and_parts_count_as_tears():
+    ball, ring = trimesh.creation.icosphere(2), trimesh.creation.torus(1.0, 0.3)
+    both = trimesh.util.concatenate([ring, ring.copy().apply_translation([5.0, 0.0, 0.0])])
+    assert [tears(Mesh(*one)) for one in map(_parts, (ball, ring, both))] == [0, 1, 3]
+
+
+def _parts(mesh: trimesh.Trimesh) -> tuple[Floats, Ints]:
+    return np.asarray(mesh.vertices), np.asarray(mesh.faces, np.int32)
 
 
 @pytest.mark.slow  # some 5,000 cells
