@@ -9,8 +9,8 @@ beside it, close to it on both sides, agree; or, where there are none, if that i
 of the object. So edges that are rounded stay as the spline has them.
 
 Vertices of a mesh near to edges are moved onto these faces. Of each side of a triangle that crosses
-an edge one end is moved onto the edge itself (as by Kobbelt et al., *Feature sensitive surface
-extraction from volume data*, 2001, where vertices are added).
+an edge one end is moved onto the edge itself, and to each corner the nearest vertex (as by Kobbelt
+et al., *Feature sensitive surface extraction from volume data*, 2001, where vertices are added).
 """
 
 from __future__ import annotations
@@ -258,11 +258,17 @@ def _onto_crease(edges: Edges, which: Ints, places: Floats, pair: Ints) -> tuple
     for _ in range(CREASE_ROUNDS):
         distances, normals = edges.faces_at(which, places)
         both, across = distances[rows, pair], normals[rows, pair]
-        square = np.einsum("nai,nbi->nab", across, across) + 1e-6 * np.eye(2)
-        steps = np.einsum("nai,na->ni", across, np.linalg.solve(square, both[..., None])[..., 0])
-        places = places - np.clip(steps, -EDGES.reach, EDGES.reach)
+        places = places - _newton_step(both, across)
     cosines = np.einsum("ni,ni->n", across[:, 0], across[:, 1])
     return places, np.arccos(np.clip(cosines, -1.0, 1.0))
+
+
+def _newton_step(distances: Floats, normals: Floats) -> Floats:
+    """What moves places (n, 3) off two or three faces, at distances (n, k), back onto all."""
+    square = np.einsum("nai,nbi->nab", normals, normals) + 1e-6 * np.eye(normals.shape[1])
+    shares = np.linalg.solve(square, distances[..., None])[..., 0]
+    step = np.einsum("nai,na->ni", normals, shares)
+    return np.asarray(np.clip(step, -EDGES.reach, EDGES.reach), np.float64)
 
 
 def sharpened(edges: Edges, vertices: Floats, faces: Ints) -> Floats:
@@ -285,12 +291,28 @@ def sharpened(edges: Edges, vertices: Floats, faces: Ints) -> Floats:
             step += (share * distances[rows])[:, None] * normals[rows]
         places = places - step
     places = _snapped(edges, vertices, faces, near, which[:, 0], places)
+    corners = _corners(edges)
+    if len(corners):
+        ways, nearest = map(np.asarray, scipy.spatial.cKDTree(places).query(corners))
+        close = ways < EDGES.spacing
+        places[nearest[close]] = corners[close]
     shift = places - vertices[near]
     fading = np.clip((EDGES.kept - away[:, 0]) / (EDGES.kept - EDGES.moved), 0.0, 1.0)
     fading[np.linalg.norm(shift, axis=1) > EDGES.max_shift] = 0.0
     moved = vertices.copy()
     moved[near] += fading[:, None] * shift
     return moved
+
+
+def _corners(edges: Edges) -> Floats:
+    """Where three faces meet near to an edge, (c, 3) [m]."""
+    every, places = np.arange(len(edges.places), dtype=np.int32), edges.places
+    for _ in range(CREASE_ROUNDS):
+        distances, normals = edges.faces_at(every, places)
+        places = places - _newton_step(distances, normals)
+    cosines = np.einsum("nai,nai->na", normals, np.roll(normals, 1, axis=1))
+    good = (cosines < math.cos(EDGES.min_angle)).all(axis=1)
+    return _spaced(places[good & (np.linalg.norm(places - edges.places, axis=1) < EDGES.moved)])
 
 
 def _snapped(
