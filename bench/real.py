@@ -1,6 +1,6 @@
 """Real objects: a folder of meshes explored with noise, each run measured twice and kept.
 
-Without a folder it is a drawn set of thin and hollow things. Each is explored as it stands, its
+Without a folder it is a drawn set of thin, hollow and machined things. Each is explored as it stands, its
 underside taken for flat, and with the underside to be known, for which it is turned over. Beside
 our own distances stand those of trimesh, from fewer samples. *Covered* is the share of the true
 surface within 5 mm of a touched point. Error and bound are also told by part of the rebuilt
@@ -63,13 +63,20 @@ def _without(*parts: Mapping[str, Any]) -> dict[str, Any]:
 
 
 BLOCK = {"box": {"size": [0.06, 0.05, 0.03]}, "pose": {"position": [0.0, 0.0, 0.015]}}
-# Thin and hollow things that stand on their lower end; m.
+STEPS = (_cylinder(0.012, 0.03), _cylinder(0.018, 0.015, 0.03), _cylinder(0.01, 0.03, 0.045))
+FOOT = {"box": {"size": [0.06, 0.04, 0.006]}, "pose": {"position": [0.0, 0.0, 0.003]}}
+WALL = {"box": {"size": [0.006, 0.04, 0.05]}, "pose": {"position": [-0.027, 0.0, 0.025]}}
+CAVITY = {"box": {"size": [0.036, 0.026, 0.02]}, "pose": {"position": [0.0, 0.0, 0.022]}}
+# Thin, hollow and machined things that stand on their lower end; m.
 DRAWN: Mapping[str, dict[str, Any]] = {
     "plate": {"box": {"size": [0.06, 0.008, 0.05]}},
     "ring": {"torus": {"radius": 0.03, "tube": 0.008}},
     "tube": _without(_cylinder(0.03, 0.05), _cylinder(0.022, 0.07, -0.01)),
     "mug": _without(_cylinder(0.035, 0.08), _cylinder(0.028, 0.08, 0.01)),
     "bored block": _without(BLOCK, _cylinder(0.009, 0.05, -0.01)),
+    "stepped shaft": {"boolean": {"union": [*STEPS]}},
+    "bracket": {"boolean": {"union": [FOOT, WALL]}},
+    "pocket": _without(BLOCK, CAVITY),
     "countersunk block": _without(
         BLOCK,
         _cylinder(0.004, 0.05, -0.01),
