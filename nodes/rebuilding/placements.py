@@ -87,7 +87,7 @@ def _place(
     solid: GeneralSolid, contacts: ContactPoints, asked: Pose | None, platform: float
 ) -> Placement | None:
     assert contacts.normals is not None
-    mesh = solid.mesh(1)  # with its edges, at which hands often meet it
+    mesh = solid.mesh(solid.rough_parts)  # with its edges, at which hands often meet it
     corners = mesh.vertices[mesh.faces]
     places, faces = sample_surface(corners, LOCATING.places, np.random.default_rng(0))
     bends = np.where(solid.is_sharp(places), 0.0, solid.bends(places))

@@ -130,18 +130,24 @@ class GeneralSolid(Solid):
         touched = touched + self.cell * self.fit.displacements[self.contacts.touch]
         return find_edges(vertices[self.bends(vertices) > EDGES.min_bend], touched, normals)
 
-    @cached_property
+    @property
     def rough_mesh(self) -> Mesh:
-        """Triangles of whole cells, for a look on the way: at sharp edges some may cross.
+        """Triangles for a look on the way: at sharp edges some may cross."""
+        return self._rough[1]
 
-        Of halves of cells where an end is so thin that whole ones lose it.
-        """
+    @property
+    def rough_parts(self) -> int:
+        """Into how many parts it cuts cells: 2 where an end is so thin that whole ones lose it."""
+        return self._rough[0]
+
+    @cached_property
+    def _rough(self) -> tuple[int, Mesh]:
         _, moved, faces = self._surface(1)
         if self.cell >= FINE and len(moved):
             away = point_tree(moved, balanced=False).query(self.contacts.points)[0]
             if np.max(away) > self.cell:
-                _, moved, faces = self._surface(2)
-        return Mesh(moved, faces)
+                return 2, Mesh(*self._surface(2)[1:])
+        return 1, Mesh(moved, faces)
 
     def _surface(self, parts: int) -> tuple[Floats, Floats, Ints]:
         """Vertices (n, 3) on the grid, moved onto the surface, m, and their faces (m, 3)."""
