@@ -4,9 +4,9 @@ Without a folder it is a drawn set of thin, hollow and machined things. Each is 
 stands, its underside taken for flat, and with the underside to be known, for which it is turned
 over. Beside our own distances stand those of trimesh, from fewer samples. *Covered* is the share of
 the true surface within 5 mm of a touched point. Error and bound are also told by part of the
-rebuilt surface. A share of the size (the largest extent) is reached at the first model of which the run
-states that its error is below it. A picture shows each surface coloured by how far it is from the
-other.
+rebuilt surface. A share of the size (the largest extent) is reached at the first
+model of which the run states that its error is below it. A picture shows each surface coloured by
+how far it is from the other.
 """
 
 from __future__ import annotations
