@@ -87,6 +87,8 @@ def _criterion_text(one: Mapping[str, Any]) -> str:
         return f"{name} {value:.0f} (the object's is {limit:.0f})"
     if one["unit"] == "#":
         return counted(int(value), name.removesuffix("s"))
+    if name == "unentered hole":
+        return f"perhaps a hole, {_quantity(value, 'm')} wide: no finger entered it"
     if not limit:
         return f"{name} {_quantity(value, one['unit'])} (none is allowed)"
     return f"{name} {_quantity(value, one['unit'])} (limit {_quantity(limit, one['unit'], 3)})"

@@ -301,7 +301,7 @@ def test_run_without_a_solid_has_missed_its_goal(progress, tetrahedron, score):
     ({"error_bound": 3e-3}, ["error bound 3.000 mm (limit 1 mm)"]),
     ({"unknown_share": 0.03}, ["unknown share 3.0 % (limit 1 %)"]),
     ({"untouched_gap": 0.03}, ["untouched gap 30.000 mm (limit 20 mm)"]),
-    ({"unentered_hole": 5e-3}, ["unentered hole 5.000 mm (none is allowed)"]),
+    ({"unentered_hole": 5e-3}, ["perhaps a hole, 5.000 mm wide: no finger entered it"]),
     ({"untraced_height": 5e-3}, ["untraced height 5.000 mm (none is allowed)"]),
     ({"error_bound": 3e-3, "crease_error": 7e-3, "crease_share": 0.16},
      ["error bound 3.000 mm (limit 1 mm)", "crease error 7.000 mm (limit 2.5 mm)"]),
