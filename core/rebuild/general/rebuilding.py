@@ -174,12 +174,15 @@ def _untorn(
     finer = grid._replace(max_cells=grid.max_wall_cells)
     walls = max(wall_cell(known.touched, cell), least_cell(points, known.platform, finer))
     if walls < cell and start is not None and start.cell <= grid.small_cell * cell:
-        found = None if known.draft else _rebuilt(known, walls, finer, None, step)
-        if found is None or tears(found.rough_mesh) > tears(start.rough_mesh):
+        torn = _tears(start)
+        if known.draft and not torn:
             return _rebuilt(known, walls, finer, start, step)
-        return found
+        found = _rebuilt(known, walls, finer, None, step)
+        if known.draft or _tears(found) <= torn:
+            return found
+        return min(found, _rebuilt(known, walls, finer, start, step), key=_tears)
     plain = _rebuilt(known, cell, grid, start, step)
-    if walls >= cell or not tears(plain.rough_mesh):
+    if walls >= cell or not (torn := _tears(plain)):
         return plain
     touches = len(plain.fit.displacements)
     tried = 0 if start is None or not known.draft else start.tried_walls
@@ -187,9 +190,14 @@ def _untorn(
         return replace(plain, tried_walls=tried)
     # From nothing: what larger cells have torn would stay so.
     found = _rebuilt(known, walls, finer, None, step)
-    if tears(found.rough_mesh) < tears(plain.rough_mesh):
+    if _tears(found) < torn:
         return found
     return replace(plain, tried_walls=touches)  # too little was touched for small cells
+
+
+def _tears(found: solid.GeneralSolid) -> int:
+    """Of a mesh of halves of cells: whole ones do not resolve a wall as thick as a cell."""
+    return tears(found.plain_mesh(2))
 
 
 def tears(mesh: Mesh) -> int:

@@ -146,8 +146,12 @@ class GeneralSolid(Solid):
         if self.cell >= FINE and len(moved):
             away = point_tree(moved, balanced=False).query(self.contacts.points)[0]
             if np.max(away) > self.cell:
-                return 2, Mesh(*self._surface(2)[1:])
+                return 2, self.plain_mesh(2)
         return 1, Mesh(moved, faces)
+
+    def plain_mesh(self, parts: int) -> Mesh:
+        """Triangles of cells cut into `parts`: edges are round, and where it is sharp some cross."""
+        return Mesh(*self._surface(parts)[1:])
 
     def _surface(self, parts: int) -> tuple[Floats, Floats, Ints]:
         """Vertices (n, 3) on the grid, moved onto the surface, m, and their faces (m, 3)."""
