@@ -150,7 +150,7 @@ class GeneralSolid(Solid):
         return 1, Mesh(moved, faces)
 
     def plain_mesh(self, parts: int) -> Mesh:
-        """Triangles of cells cut into `parts`: edges are round, and where it is sharp some cross."""
+        """Triangles of cells cut into `parts`: edges are round, and some may cross there."""
         return Mesh(*self._surface(parts)[1:])
 
     def _surface(self, parts: int) -> tuple[Floats, Floats, Ints]:
