@@ -24,8 +24,6 @@ from palpate.nodes.rebuilding.candidates import QUALITIES, Candidates, Quality
 Goal = types.ModelGoal | types.PlanDone
 Way = Literal["best", "thesis"]
 TouchesByGoal = Mapping[int, Mapping[int, ContactPoints]]  # Goal to touch to what it touched
-HALF_OPENING = 1.5e-3  # From every touch: what pads spanned and lies farther is an opening, m
-HALF_MOUTH = 4.0e-3  # The same of what a pad touched on one side alone, m
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -154,14 +152,25 @@ def untouched_by(state: State, goal: Goal) -> UntouchedPlaces:
     return UntouchedPlaces(*map(np.concatenate, zip(none, *touches, strict=True)))
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OpeningSettings:
+    """How far from every touch a place lies at which a pad that touched nothing tells of a hole."""
+
+    between: float = 1.5e-3  # [m] of places between others that were touched: narrower holes hide
+    beside: float = 4.0e-3  # [m] of places beside all that was touched: edges are rounded off
+
+
+OPENINGS = OpeningSettings()
+
+
 def far_from_touch(state: State, goal: Goal) -> UntouchedPlaces:
-    """The same without openings near to which anything was touched, nor others near to touch."""
+    """The same without openings and hanging places that lie near to touch."""
     found = untouched_by(state, goal)
     if not len(found.openings) + len(found.hanging):
         return found
     contacts = stack_points([one for one in touched_points(state, goal) if len(one.points)])
-    mouths = found.openings[touch_distances(contacts, found.openings) > HALF_OPENING]
-    hanging = found.hanging[touch_distances(contacts, found.hanging) > HALF_MOUTH]
+    mouths = found.openings[touch_distances(contacts, found.openings) > OPENINGS.between]
+    hanging = found.hanging[touch_distances(contacts, found.hanging) > OPENINGS.beside]
     return found._replace(openings=mouths, hanging=hanging)
 
 

@@ -61,10 +61,12 @@ class EdgeSettings:
     # Way of a vertex onto an edge, of the side's length that crosses it.
     max_way: float = 2.0
     max_fold: float = math.radians(30.0)  # [rad] between ends of a triangle's side on one face
+    fit_rounds: int = 6  # of weighing outliers of a face
+    crease_rounds: int = 8  # of Newton's method onto two or three faces
+    move_rounds: int = 3  # of moving vertices onto the solid
 
 
 EDGES = EdgeSettings()
-FIT_ROUNDS, CREASE_ROUNDS, MOVE_ROUNDS = 6, 8, 3
 
 
 class Edges(NamedTuple):
@@ -172,7 +174,7 @@ def _paraboloid(points: Floats, normal: Floats) -> _Face:
     curved = 1.0 / EDGES.curvature**2
     believed = np.diag([1.0, 1.0, 1.0, curved, curved, curved])  # a metre and 45 degrees are large
     inlying, coefficients = np.ones(len(z)), np.zeros(6)
-    for _ in range(FIT_ROUNDS):
+    for _ in range(EDGES.fit_rounds):
         rows = terms * (shares * inlying)[:, None]
         squares = rows.T @ rows + believed
         coefficients = np.linalg.solve(squares, rows.T @ (z * shares * inlying))
@@ -255,7 +257,7 @@ def _crossing_pair(edges: Edges, which: Ints, distances: Floats, normals: Floats
 def _onto_crease(edges: Edges, which: Ints, places: Floats, pair: Ints) -> tuple[Floats, Floats]:
     """Places (n, 3) moved to where two faces (n, 2) meet, and the angles (n,) at which they do."""
     rows = np.arange(len(which))[:, None]
-    for _ in range(CREASE_ROUNDS):
+    for _ in range(EDGES.crease_rounds):
         distances, normals = edges.faces_at(which, places)
         both, across = distances[rows, pair], normals[rows, pair]
         places = places - _newton_step(both, across)
@@ -283,7 +285,7 @@ def sharpened(edges: Edges, vertices: Floats, faces: Ints) -> Floats:
     shares = np.exp(-0.5 * (away / EDGES.spacing) ** 2) + np.finfo(float).tiny
     shares /= shares.sum(axis=1, keepdims=True)
     places = vertices[near]
-    for _ in range(MOVE_ROUNDS):
+    for _ in range(EDGES.move_rounds):
         step = np.zeros_like(places)
         for one, share in zip(which.T, shares.T, strict=True):
             distances, normals = edges.faces_at(one, places)
@@ -307,7 +309,7 @@ def sharpened(edges: Edges, vertices: Floats, faces: Ints) -> Floats:
 def _corners(edges: Edges) -> Floats:
     """Where three faces meet near to an edge, (c, 3) [m]."""
     every, places = np.arange(len(edges.places), dtype=np.int32), edges.places
-    for _ in range(CREASE_ROUNDS):
+    for _ in range(EDGES.crease_rounds):
         distances, normals = edges.faces_at(every, places)
         places = places - _newton_step(distances, normals)
     cosines = np.einsum("nai,nai->na", normals, np.roll(normals, 1, axis=1))
