@@ -416,6 +416,7 @@ class NodeLoop:
                 record = LogRecord(node=self._name, level="info", text=text, robot_time=0.0)
                 self._station.tap.publish(record)
             else:
+                self._publish_outside()  # each message keeps its number on its topic
                 self._station.send(*one)
 
     def _look_up(self) -> None:

@@ -364,8 +364,16 @@ class Launched:
         self.answers: list[Received] = []
         lines = {"/lines": ("toy",), "/worlds": ("toy",)}
         self.source = self.sockets("source", publications=lines)
-        self.tester = self.sockets("tester", subscriptions={"toy": ["/out"]})
+        self.tester: Any = None
+        self.listen("/out")
         self._thread: threading.Thread | None = None
+
+    def listen(self, topic: str) -> None:
+        """Receive the answers on a topic from now on."""
+        self.answers.clear()
+        if self.tester is not None:
+            self.tester.close()
+        self.tester = self.sockets("tester", subscriptions={"toy": [topic]})
 
     def sockets(self, name: str, **ends: Any) -> NodeSockets:
         made = NodeSockets(name, self.place, **{"subscriptions": {}, "publications": {}, **ends})
@@ -496,6 +504,25 @@ def test_node_that_is_started_again_goes_on_without_gap_or_repetition(launched: 
         launched.say(*more)
         before += [f"{text} 5" for text in more]
         launched.hears(*before)
+        launched.stop()
+
+
+def test_message_of_a_tool_keeps_its_place_between_parameters(launched: Launched):
+    topic, least = "/toy/parameter_events", {"param": "least", "topic": "/lines", "after": 0}
+    typed = encode(ParameterEvent(value="0", **least))
+    for epoch in (0, 1):  # the second start publishes anew for a tester that has heard nothing
+        launched.listen(topic)
+        launched.start(epoch=epoch, subscribers={topic: ("tester",)})
+        if epoch == 0:
+            launched.go()
+            launched.tell("set", "acknowledged", param="least", value="5", ticket=1)
+            launched.tell("publish", "acknowledged", topic=topic, body=typed, ticket=2)
+            launched.tell("set", "acknowledged", param="least", value="6", ticket=3)
+        launched.world()
+        launched.say("a")
+        launched.until(lambda: len(launched.answers) == 3)
+        values = [decode(ParameterEvent, one.body).value for one in launched.answers]
+        assert values == ["5", "0", "6"]
         launched.stop()
 
 
