@@ -29,7 +29,7 @@ from palpate.bench.harness import NOISY, Demand, Explored, explore_object
 from palpate.bench.results import read_form, write_form
 from palpate.bench.table import Figure, figure_of
 from palpate.core.arrays import Floats
-from palpate.core.explore.planners import STANDING_HEIGHT
+from palpate.core.explore.planners import PLACES
 from palpate.core.geometry import areas_and_normals, nearest_points, nearest_search, sample_surface
 from palpate.core.shapes import Mesh
 from palpate.launch.files.mesh_file import read_mesh
@@ -412,7 +412,7 @@ def _parts(model: ShapeModel, platform: float | None, side: _Side) -> Iterator[P
     distances, bounds = model.vertex_distances[nearest], model.vertex_bounds[nearest]
     part = np.digitize(distances, PARTS[:-1])
     if platform is not None:
-        part[side.places[:, 2] < platform + STANDING_HEIGHT] = len(PARTS)
+        part[side.places[:, 2] < platform + PLACES.standing_height] = len(PARTS)
     for number, name in enumerate(PART_NAMES):
         here = part == number
         if here.any():

@@ -16,7 +16,7 @@ import numpy as np
 from msgspec import Meta, Struct
 
 from palpate.core.arrays import Floats
-from palpate.core.explore import FEATURE_SHARE
+from palpate.core.explore import SURVEYING
 from palpate.core.explore.planners import Findings, Limits
 from palpate.core.poses import Pose
 from palpate.core.touch import HITS
@@ -62,7 +62,7 @@ class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     platform: Annotated[float, Meta(ge=-10, le=10, description="m")] | None = None
     # Root mean square error that is asked for, m; null: whatever the touches give.
     tolerance: Length | None = None
-    # Largest gap that may stay untouched, m; null: `explore.FEATURE_SHARE` times the tolerance.
+    # Largest gap that may stay untouched, m; null: 100 times the tolerance.
     feature: Length | None = None
 
     @property
@@ -71,7 +71,8 @@ class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
         if self.tolerance is None:
             return Limits(feature=self.feature)
         return Limits(
-            tolerance=self.tolerance, feature=self.feature or FEATURE_SHARE * self.tolerance
+            tolerance=self.tolerance,
+            feature=self.feature or SURVEYING.feature_ratio * self.tolerance,
         )
 
 

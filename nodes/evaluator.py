@@ -11,7 +11,7 @@ from functools import partial
 import msgspec
 
 from palpate.core import geometry
-from palpate.core.explore.planners import STANDING_HEIGHT
+from palpate.core.explore.planners import PLACES
 from palpate.core.steps import Steps
 from palpate.messages.types import Score, ShapeModel, Truth
 from palpate.nodes.runtime.node import Deferred, Finished, Node, Outputs
@@ -32,7 +32,9 @@ class TrueSurface:
 
     def __init__(self, truth: Truth) -> None:
         self.height = truth.height
-        self.exposed = -math.inf if truth.platform is None else truth.platform + STANDING_HEIGHT
+        self.exposed = (
+            -math.inf if truth.platform is None else truth.platform + PLACES.standing_height
+        )
         solid = geometry.solidity(truth.vertices, truth.faces)
         self.volume = solid.volume  # m3
         self.genus = NO_GENUS if solid.genus is None else solid.genus

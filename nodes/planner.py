@@ -39,7 +39,7 @@ class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     planner: str = "predicted"
     settings: dict[str, Any] = {}  # Its numbers
     tolerance: Length = 0.2e-3  # Root mean square error that is asked for, m
-    # Largest height that may stay untouched, m; null: `explore.FEATURE_SHARE` times the tolerance.
+    # Largest height that may stay untouched, m; null: 100 times the tolerance.
     feature: Length | None = None
     # Touches that may be made; null for as many as it takes.
     most_touches: Annotated[int, Meta(ge=1)] | None = None
@@ -86,7 +86,7 @@ class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
         """What is asked of the exploration."""
         return explore.Demand(
             tolerance=self.tolerance,
-            feature=self.feature or explore.FEATURE_SHARE * self.tolerance,
+            feature=self.feature or explore.SURVEYING.feature_ratio * self.tolerance,
             most_touches=math.inf if self.most_touches is None else self.most_touches,
             most_seconds=math.inf if self.most_seconds is None else self.most_seconds,
             underside=self.underside,

@@ -24,8 +24,8 @@ from palpate.core.explore.exploration import (
     with_turned as with_turned,
 )
 from palpate.core.explore.free_space import (
+    SWEEPS as SWEEPS,
     TOUCHED as TOUCHED,
-    VOXEL as VOXEL,
     Longs as Longs,
     SpaceMap as SpaceMap,
     UntouchedPlaces as UntouchedPlaces,
@@ -40,7 +40,6 @@ from palpate.core.explore.placing import (
     place_object as place_object,
 )
 from palpate.core.explore.survey import (
-    FEATURE_SHARE as FEATURE_SHARE,
     SURVEYING as SURVEYING,
     Demand as Demand,
     ModelUncertainty as ModelUncertainty,

@@ -42,15 +42,15 @@ def goals(known: Exploration, demand: Demand, rule: planners.Planner) -> list[Go
         return [_grasp_goal(known, demand)]
     if known.lying.pose is None:
         return _placing_goals(known, demand)
-    given: list[Goal] = []
+    goals_now: list[Goal] = []
     for number, finger in known.fingers.items():
         if finger.task is not None or known.broken:
             continue
         for goal in _finger_goals(known, demand, rule, number):
-            given.append(goal)
+            goals_now.append(goal)
             known = known.after(goal)
-    if given or known.tasks or known.model.is_pending:
-        return given
+    if goals_now or known.tasks or known.model.is_pending:
+        return goals_now
     return [_turn_goal(known, demand, rule) or Done(_reason(known, demand, rule))]
 
 
@@ -129,8 +129,8 @@ def _turn_goal(known: Exploration, demand: Demand, rule: planners.Planner) -> Go
     observation = known.observation(demand)
     if observation.budget.spent or lying.pose is None:
         return None
-    found = planners.estimate_error(observation).findings
-    if planners.judge(found, observation.limits).reached:
+    findings = planners.estimate_error(observation).findings
+    if planners.judge(findings, observation.limits).reached:
         return None
     turn = planners.choose_turn(surface, demand.tolerance, underside=demand.underside == "known")
     return None if turn is None else TurnObject(turn @ lying.pose)

@@ -21,14 +21,23 @@ from palpate.core.poses import Pose
 from palpate.core.touch import Pad
 
 UNKNOWN, FREE, TOUCHED = 0, 1, 2  # States of a voxel
-VOXEL = 2.5e-3  # Edge of one, m: a sixth of a pad
 MAX_VOXELS = 8 << 20  # Of a map: each takes a byte in a message, and 50 while free ones are listed
-BESIDE = 10.0e-3  # Beside what was touched: so far nothing lies below the platform, m
-MARGIN = 1.5  # Voxels before a contact that stay unknown: poses err, and pads are pressed
-PRESSED = 1.5e-3  # By how much, m
-EVERY = 2  # Taxels along rows and columns: places of the face that are swept or hang free
 States = NDArray[np.uint8]
 Longs = NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SweepSettings:
+    """Which space a move of a pad frees."""
+
+    voxel: float = 2.5e-3  # [m] edge of a voxel: a sixth of a pad
+    below_margin: float = 10.0e-3  # [m] aside of touched points: the space below them is empty
+    contact_margin: float = 1.5  # [voxels] before a contact that stay unknown, for poses err
+    max_indentation: float = 1.5e-3  # [m] of a pad in contact: it stays unknown too
+    stride: int = 2  # taxels along rows and columns, between places of the face
+
+
+SWEEPS = SweepSettings()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,7 +64,10 @@ class SpaceMap:
 
     def below(self, points: Floats) -> Floats:
         """Places (k, 3) in two layers of voxels below the map, under points (n, 3) [m]."""
-        low, high = points.min(axis=0) - BESIDE, points.max(axis=0) + BESIDE
+        low, high = (
+            points.min(axis=0) - SWEEPS.below_margin,
+            points.max(axis=0) + SWEEPS.below_margin,
+        )
         x, y = (np.arange(low[axis], high[axis], self.step) for axis in (0, 1))
         heights = self.low[2] - self.step * np.array([1.0, 2.0])
         return np.stack(np.meshgrid(x, y, heights), axis=-1).reshape(-1, 3)
@@ -66,7 +78,7 @@ class SpaceMap:
 
 
 def empty_map(
-    reach: float, platform: float, centre: Sequence[float] = (0.0, 0.0), step: float = VOXEL
+    reach: float, platform: float, centre: Sequence[float] = (0.0, 0.0), step: float = SWEEPS.voxel
 ) -> SpaceMap:
     """A map of all that a finger reaches, so far sideways of `centre` and up from platform, m.
 
@@ -86,12 +98,13 @@ def swept_places(pad: Pad, start: Pose, pose: Pose, step: float, *, touched: boo
     position, axes = start
     length = float((pose.position - position) @ axes[:, 2])
     if touched:
-        length -= MARGIN * step + PRESSED
+        length -= SWEEPS.contact_margin * step + SWEEPS.max_indentation
     if length <= 0.0:
         return np.zeros((0, 3))
     ways = np.arange(0.0, length, 0.5 * step)
-    x, y = (axis[::EVERY, ::EVERY].ravel() for axis in pad.grid())
-    face = np.column_stack([x, y, -pad.sag()[::EVERY, ::EVERY].ravel()]) @ axes.T + position
+    some = slice(None, None, SWEEPS.stride)
+    x, y = (axis[some, some].ravel() for axis in pad.grid())
+    face = np.column_stack([x, y, -pad.sag()[some, some].ravel()]) @ axes.T + position
     return np.asarray((face + ways[:, None, None] * axes[:, 2]).reshape(-1, 3))
 
 
@@ -153,8 +166,8 @@ def untouched_places(
     for axis in (0, 1):
         before, after = _before_and_after(touched, axis)
         along = before >= 0
-        found = _leaning(face[before[along]], face[after[along]], points, normals)
-        leaning[along] = np.minimum(leaning[along], found)
+        sides = face[before[along]], face[after[along]]
+        leaning[along] = np.minimum(leaning[along], _leaning(*sides, points, normals))
         spanned |= along
     regions, count = label(spanned, np.ones((3, 3)))
     numbers = np.arange(1, count + 1)
@@ -165,9 +178,10 @@ def untouched_places(
     valley = is_valley[regions]
     slopes = np.tan(np.arcsin(np.minimum(sines, settings.max_half_sine)))[regions[valley]]
     hanging = np.zeros_like(touched)
-    hanging[::EVERY, ::EVERY] = ~(touched | spanned)[::EVERY, ::EVERY] & touched.any()
+    some = slice(None, None, SWEEPS.stride)
+    hanging[some, some] = ~(touched | spanned)[some, some] & touched.any()
     kinds = (spanned & ~valley), valley, hanging
-    openings, valleys, free = (face[one.ravel()] for one in kinds)
+    openings, valleys, free = (face[kind.ravel()] for kind in kinds)
     return UntouchedPlaces(openings, valleys, slopes, free)
 
 
@@ -194,14 +208,14 @@ def _leaning(before: Floats, after: Floats, points: Floats, normals: Floats) -> 
     """Difference (n,) of the normals to both sides, along the line between the sides.
 
     `before`, `after` (n, 3): places of the two sides [m]; the normal of each is that of the nearest
-    of `points`. Negative where the normals lean towards each other.
+    of `points`. Negative where the normals lean towards each normals_after.
     """
     if not len(before) or not len(points):
         return np.zeros(len(before))
-    one, other = (
+    normals_before, normals_after = (
         normals[np.linalg.norm(side[:, None] - points, axis=2).argmin(axis=1)]
         for side in (before, after)
     )
     across = after - before
-    along = np.einsum("ni,ni->n", other - one, across)
+    along = np.einsum("ni,ni->n", normals_after - normals_before, across)
     return np.asarray(along / np.linalg.norm(across, axis=1))

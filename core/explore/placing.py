@@ -99,33 +99,33 @@ def place_object(
     starts = _starts(resting, points, asked, platform, settings)
     problem = _Registration(surface, resting.hull, points, normals, platform, settings)
     rough = problem.solve(starts, settings.coarse_steps)
-    found = [problem.pose(*one) for one in zip(starts, rough.parameters, strict=True)]
-    best = _unlike(found, rough.cost, settings.same_angle)[: settings.n_best]
-    starts = [found[one] for one in best]
+    poses = list(map(problem.pose, starts, rough.parameters))
+    best = _unlike(poses, rough.cost, settings.same_angle)[: settings.n_best]
+    starts = [poses[number] for number in best]
     fine = problem.solve(starts, settings.fine_steps)
-    poses = [problem.pose(*one) for one in zip(starts, fine.parameters, strict=True)]
+    poses = list(map(problem.pose, starts, fine.parameters))
     costs = fine.cost.copy()
     if asked is not None:
-        upright = np.array([one.axes[2] @ asked[2] for one in poses])
+        upright = np.array([pose.axes[2] @ asked[2] for pose in poses])
         beyond = np.arccos(np.clip(upright, -1.0, 1.0)) - settings.rocked_angle
         rocked = settings.rocked_cost + settings.rocked_growth * beyond
         costs += np.where(beyond > 0.0, rocked, 0.0)
-    first, *others = _unlike(poses, costs, settings.same_angle)
+    first, *other_poses = _unlike(poses, costs, settings.same_angle)
     if not fine.cost[first] <= settings.max_cost * len(points):
         return None
-    alike = [one for one in others if costs[one] <= costs[first] + settings.same_cost]
+    alike = [at for at in other_poses if costs[at] <= costs[first] + settings.same_cost]
     error = problem.error(starts[first], fine.parameters[first])
-    alternatives = tuple(poses[one] for one in alike)
+    alternatives = tuple(poses[number] for number in alike)
     return Placement(poses[first], float(fine.cost[first]) / len(points), error, alternatives)
 
 
 def _unlike(poses: list[Pose], costs: Floats, same_angle: float) -> list[int]:
     """Numbers of poses, the best first, without those that are turned little from better ones."""
     kept: list[int] = []
-    for one in np.argsort(costs, kind="stable").tolist():
-        turns = (rotation_angle(poses[one].axes, poses[other].axes) for other in kept)
+    for number in np.argsort(costs, kind="stable").tolist():
+        turns = (rotation_angle(poses[number].axes, poses[better].axes) for better in kept)
         if all(turn > same_angle for turn in turns):
-            kept.append(one)
+            kept.append(number)
     return kept
 
 
@@ -147,8 +147,8 @@ def _starts(
             rests.append(side)
     middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
     poses = []
-    for one in [*first, *rests[: settings.max_rests]]:
-        level = rotation_between(one, np.array([0.0, 0.0, -1.0]))
+    for down in [*first, *rests[: settings.max_rests]]:
+        level = rotation_between(down, np.array([0.0, 0.0, -1.0]))
         for azimuth in 2.0 * math.pi * np.arange(settings.n_azimuths) / settings.n_azimuths:
             axes = rotations_from_vectors(np.array([[0.0, 0.0, azimuth]]))[0] @ level
             corners = resting.hull @ axes.T

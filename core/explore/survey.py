@@ -27,15 +27,14 @@ from palpate.core.explore.planners import (
 from palpate.core.explore.probing import End, ProbeResult
 from palpate.core.geometry import area_centroid, winding_number
 
-# Largest height that may stay untouched, over the tolerance, where nobody says how large: an arc so
-# long bows by the tolerance where it turns by 4.6 degrees.
-FEATURE_SHARE = 100.0
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SurveySettings:
     """Which contours are of use, and how planners see them."""
 
+    # Default of the largest height that may stay untouched, over the tolerance: an arc as long bows
+    # by the tolerance where it turns by 4.6 degrees.
+    feature_ratio: float = 100.0
     finger_spacing: float = 1.5  # height between the slices of two fingers [pad widths]
     n_azimuths: int = 48
     min_points: int = 8
@@ -170,8 +169,8 @@ class Survey:
         """With an end that was touched in this place, (3,); touches beyond still count."""
         height = float(tip[2])
         middle = 0.5 * (self.low + self.high)
-        others = tuple(one for one in self.tips if (one[2] > middle) != upper)
-        survey = replace(self, tips=(*others, tip))
+        opposite = tuple(one for one in self.tips if (one[2] > middle) != upper)
+        survey = replace(self, tips=(*opposite, tip))
         if upper:
             return replace(survey, high=max(height, self.reached[1]), high_deviation=0.0)
         return replace(survey, low=min(height, self.reached[0]), low_deviation=0.0)
@@ -226,24 +225,24 @@ def _surrounds(points: Floats, place: Floats) -> bool:
     return abs(turn[-1] - turn[0]) > np.pi and float(np.linalg.norm(away, axis=1).min()) > 0.0
 
 
-def _seen(one: TracedContour, place: Floats, lean: Floats, deviation: float) -> ObservedSlice:
-    away = one.points[:, :2] - place
+def _seen(contour: TracedContour, place: Floats, lean: Floats, deviation: float) -> ObservedSlice:
+    away = contour.points[:, :2] - place
     radii = np.linalg.norm(away, axis=1)
     outward = away / np.maximum(radii, np.finfo(float).tiny)[:, None]
-    facing = np.maximum((one.normals[:, :2] * outward).sum(axis=1), SURVEYING.min_facing)
-    moved = one.normals[:, 2] + one.normals[:, :2] @ lean
+    facing = np.maximum((contour.normals[:, :2] * outward).sum(axis=1), SURVEYING.min_facing)
+    moved = contour.normals[:, 2] + contour.normals[:, :2] @ lean
     around = _by_azimuth(np.arctan2(away[:, 1], away[:, 0]))
     return ObservedSlice(
-        height=one.height,
-        outcome=one.outcome,
+        height=contour.height,
+        outcome=contour.outcome,
         radii=np.maximum(around(radii), np.finfo(float).eps),
         slopes=around(-moved / facing),
-        curvatures=around(one.across),
-        contact_low=around(one.contact_low),
-        contact_high=around(one.contact_high),
+        curvatures=around(contour.across),
+        contact_low=around(contour.contact_low),
+        contact_high=around(contour.contact_high),
         deviation=deviation,
-        touches=one.touches,
-        seconds=one.seconds,
+        touches=contour.touches,
+        seconds=contour.seconds,
     )
 
 
@@ -341,16 +340,16 @@ class TracedContour:
         return float(np.linalg.norm(steps, axis=1).sum())
 
 
-def widened(one: TracedContour, feature: float) -> TracedContour:
+def widened(contour: TracedContour, feature: float) -> TracedContour:
     """A contour whose bands count half a feature aside: what is narrower may stay untouched."""
-    low, high = one.contact_low, one.contact_high
+    low, high = contour.contact_low, contour.contact_high
     for shift in range(1, SURVEYING.max_band_shift + 1):
         for step in (shift, -shift):
-            away = np.linalg.norm(one.points - np.roll(one.points, step, axis=0), axis=1)
+            away = np.linalg.norm(contour.points - np.roll(contour.points, step, axis=0), axis=1)
             near = away <= 0.5 * feature
-            low = np.where(near, np.minimum(low, np.roll(one.contact_low, step)), low)
-            high = np.where(near, np.maximum(high, np.roll(one.contact_high, step)), high)
-    return replace(one, contact_low=low, contact_high=high)
+            low = np.where(near, np.minimum(low, np.roll(contour.contact_low, step)), low)
+            high = np.where(near, np.maximum(high, np.roll(contour.contact_high, step)), high)
+    return replace(contour, contact_low=low, contact_high=high)
 
 
 def next_finished(

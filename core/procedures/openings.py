@@ -15,7 +15,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from palpate.core.arrays import Bools, Floats
-from palpate.core.explore import TOUCHED, VOXEL, Longs, SpaceMap, empty_map, swept_places
+from palpate.core.explore import SWEEPS, TOUCHED, Longs, SpaceMap, empty_map, swept_places
 from palpate.core.poses import axes_along
 from palpate.core.procedures.protocol import (
     CLEARANCE,
@@ -139,7 +139,7 @@ def _probe(
     axis, met = move.pose.axes[:, 2], contact.outcome != "miss"
     if contact.outcome != "inside":
         end = contact.pose if met else move.pose.advanced(move.reach)
-        found.swept.append(swept_places(setting.pad, move.pose, end, VOXEL, touched=met))
+        found.swept.append(swept_places(setting.pad, move.pose, end, SWEEPS.voxel, touched=met))
     if contact.met:
         found.points.append(contact.points)
         if len(contact.hollow):

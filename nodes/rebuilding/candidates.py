@@ -33,15 +33,27 @@ if TYPE_CHECKING:
 
     AnySolid = LatticeSolid | GeneralSolid
 
-COARSE_TOLERANCE = 5e-4  # Of the mesh that tells how fine the final one is, of the size
-SURE = 1.64  # Standard errors by which a general solid must predict better: 95 of 100
-MUCH = 0.5  # Of the slices' error: what a general solid's must be below
 _NONE = np.zeros(0)
 Goal = types.ModelGoal | types.PlanDone
-
-MOST_PARTS = 4  # Of a cell along each edge: more show nothing more
-HOLLOW = 0.4e-3  # Depth in a solid at which a pad that touches nothing shows that it is hollow, m
 NO_ARCHIVE = np.zeros(0, np.uint8)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CandidateSettings:
+    """Which solid is published, and how finely it is meshed."""
+
+    confidence_sigmas: float = (
+        1.64  # [standard errors] by which a general solid must predict better
+    )
+    max_error_ratio: float = 0.5  # of a general solid's squared error to that of the slices
+    coarse_tolerance: float = 5e-4  # [fraction of the size] of the mesh that sets the final spacing
+    max_parts: int = 4  # of a general solid's cell along each edge: more change nothing visible
+    hollow_depth: float = (
+        0.4e-3  # [m] in a solid, at which a pad that touches nothing is an opening
+    )
+
+
+CANDIDATES = CandidateSettings()
 
 
 def is_final(goal: Goal) -> bool:
@@ -126,14 +138,14 @@ class Candidates:
         return self.predictions[number]
 
     def _predicted(self, touched: ContactPoints) -> dict[str, Floats]:
-        found = {}
+        squares = {}
         if self.sliced is not None:
             off = nearest_points(self.volume.search, touched.points).distances
-            found["lattice"] = touch_squares(touched, off)
+            squares["lattice"] = touch_squares(touched, off)
         if self.general is not None:
             off = self.general.solid.residuals(touched.points)
-            found["general"] = touch_squares(touched, off)
-        return found
+            squares["general"] = touch_squares(touched, off)
+        return squares
 
     def better(self, predicted: Mapping[str, Floats]) -> AnySolid | None:
         """The general solid if it surely predicted the same touches better, else slices."""
@@ -144,14 +156,14 @@ class Candidates:
         if not len(general) or len(sliced) != len(general):
             return self.sliced
         gain = sliced - general
-        sure = gain.mean() > SURE * gain.std() / np.sqrt(len(gain))
-        much = general.mean() < MUCH**2 * sliced.mean()
+        sure = gain.mean() > CANDIDATES.confidence_sigmas * gain.std() / np.sqrt(len(gain))
+        much = general.mean() < CANDIDATES.max_error_ratio**2 * sliced.mean()
         return whole if sure and much else self.sliced
 
     def final_mesh(self, quality: Quality) -> surface.SurfaceMesh:
         """Of about as many triangles whatever the shape: a first mesh tells how fine."""
         assert self.sliced is not None
-        coarse = COARSE_TOLERANCE * self.sliced.surface.size
+        coarse = CANDIDATES.coarse_tolerance * self.sliced.surface.size
         first = self.sliced.mesh(coarse)
         if len(first.faces) >= quality.faces:
             return first
@@ -243,7 +255,7 @@ def _openings(untouched: Floats, volume: MeshVolume) -> Floats:
     """
     if not len(untouched) or not len(volume.mesh.faces):
         return np.zeros((0, 3))
-    return untouched[volume.depths(untouched) > HOLLOW]
+    return untouched[volume.depths(untouched) > CANDIDATES.hollow_depth]
 
 
 def _errors(
@@ -276,7 +288,7 @@ def _general_parts(solid: GeneralSolid, quality: Quality | None, step: Steps) ->
         mesh = solid.rough_mesh
         if quality is not None:
             most = int(np.sqrt(quality.faces / max(len(mesh.faces), 1)))
-            mesh = solid.mesh(min(max(most, quality.parts), MOST_PARTS))
+            mesh = solid.mesh(min(max(most, quality.parts), CANDIDATES.max_parts))
     health = _rounded(solid.health())
     return {"vertices": mesh.vertices, "faces": mesh.faces, "health": health}
 
@@ -314,19 +326,19 @@ def coarse_model(
     `three_shapes`: the best of a sphere, a box and a cylinder, neither tapered nor bent.
     """
     if three_shapes:
-        found = recover(contacts, choice="thesis", noise=CONTACT_ERROR)
+        fitted = recover(contacts, choice="thesis", noise=CONTACT_ERROR)
     else:
-        found = fit_coarse(contacts, CONTACT_ERROR)
+        fitted = fit_coarse(contacts, CONTACT_ERROR)
     return types.Superquadric(
         number=number,
-        size=found.size,
-        exponents=found.exponents,
-        pose=found.pose,
-        taper=found.taper,
-        bend=found.bend.curvature,
-        bend_direction=found.bend.direction,
-        warnings=found.warnings,
-        residual=found.rms,
-        residuals=found.residuals,
-        rank=found.rank,
+        size=fitted.size,
+        exponents=fitted.exponents,
+        pose=fitted.pose,
+        taper=fitted.taper,
+        bend=fitted.bend.curvature,
+        bend_direction=fitted.bend.direction,
+        warnings=fitted.warnings,
+        residual=fitted.rms,
+        residuals=fitted.residuals,
+        rank=fitted.rank,
     )

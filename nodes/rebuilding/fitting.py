@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -49,23 +49,30 @@ if TYPE_CHECKING:
     from palpate.core.rebuild import GeneralSolid
     from palpate.nodes.rebuilding.candidates import AnySolid
 
-SETS = 3  # By how the last so many were predicted a method is chosen
-# Times as many touches as a general solid was last fitted to as a whole: then it is again; and as
-# it was fitted to from nothing: then it is so again, lest what was wrong once is gone on with.
-MORE, ANEW = 1.25, 3.0
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RefitSettings:
+    """When solids are fitted again, and by what a method is chosen."""
+
+    n_sets: int = 3  # the last ones, whose predictions decide between methods
+    whole_ratio: float = 1.25  # times as many touches as at the last fit of the whole: fit again
+    anew_ratio: float = 3.0  # times as many as at the last fit from nothing: errors are not kept
+
+
+REFITS = RefitSettings()
 # A draft misses touches where there is more to touch, and is continued beyond the outermost
 # contours while ends are unknown: that asks for slices, not for another kind of solid. So it may
 # reach far, and through what fingers have swept, beyond them.
 DRAFT = SoundnessSettings(max_contradicted=1.0)
 ON_THE_WAY = SoundnessSettings(max_contradicted=1.0, max_overhang=math.inf)
-UPRIGHT_TOLERANCE = 1e-12  # By how much the cosine of an upright frame's lean may be less than 1
+MIN_UPRIGHT_COSINE = 1.0 - 1e-12  # Of the lean of an upright frame, rounding apart
 TOUCHED_OUTCOMES = ("hit", "bottomed")  # How a probe ended that met the object
 
 
 def predicted_squares(state: State, goal: Goal, step: Steps) -> tuple[dict[str, Floats], bool]:
     """Mean square distance of each of the last touches from the solids before it, by method, m^2.
 
-    Those of the last `SETS` different sets, each by the solids of the one before it; and whether
+    Those of the last `n_sets` different sets, each by the solids of the one before it; and whether
     the better one is to be published: where a slice could not be traced, or slices make no solid.
     """
     squares: dict[str, list[Floats]] = {"lattice": [], "general": []}
@@ -80,12 +87,12 @@ def predicted_squares(state: State, goal: Goal, step: Steps) -> tuple[dict[str, 
         known = fitted.sliced is None or goal.failed
         if enough and not known:
             break
-        for method, found in fitted.predicted(later.number, touched).items():
-            squares[method].append(found)
+        for method, offsets in fitted.predicted(later.number, touched).items():
+            squares[method].append(offsets)
         later, sets, enough = before, sets + 1, known
-        if sets == SETS:
+        if sets == REFITS.n_sets:
             break
-    return {method: np.concatenate(found) for method, found in squares.items() if found}, enough
+    return {method: np.concatenate(parts) for method, parts in squares.items() if parts}, enough
 
 
 def fitted_solids(state: State, goal: Goal, step: Steps) -> Candidates:
@@ -117,45 +124,45 @@ def published_solid(state: State, goal: Goal, step: Steps) -> Published:
     if state.method == "thesis":
         candidates = fitted_solids(state, goal, step)
         return Published(candidates, candidates.sliced, {}, ())
-    found = _chosen(state, goal, step)
+    chosen = _chosen(state, goal, step)
     before = next((one for one in reversed(state.history) if one.number < goal.number), None)
-    if found.solid is None:
-        if not found.rejected or before is None:
-            return found
+    if chosen.solid is None:
+        if not chosen.rejected or before is None:
+            return chosen
         earlier = _chosen(state, before, step)
-        return found._replace(candidates=earlier.candidates, solid=earlier.solid)
+        return chosen._replace(candidates=earlier.candidates, solid=earlier.solid)
     bound = goal.rms_bound_95 if isinstance(goal, types.PlanDone) else None
     if bound is None:
-        return found
-    why = _lacking(found, bound, step)
+        return chosen
+    why = _lacking(chosen, bound, step)
     if why:
         other = None if before is None else _chosen(state, before, step)
     else:
-        other = _draft(state, goal, before, found.solid, step)
-        why = _departing(found, other, bound, step)
+        other = _draft(state, goal, before, chosen.solid, step)
+        why = _departing(chosen, other, bound, step)
     if not why or other is None or other.solid is None:
-        return found
-    return other._replace(predicted=found.predicted, rejected=(*found.rejected, *why))
+        return chosen
+    return other._replace(predicted=chosen.predicted, rejected=(*chosen.rejected, *why))
 
 
-def _lacking(found: Published, bound: float, step: Steps) -> tuple[str, ...]:
+def _lacking(published: Published, bound: float, step: Steps) -> tuple[str, ...]:
     """Whether touches show a general solid to lack more than the bound allows."""
-    solid = found.solid
+    solid = published.solid
     if solid is None or isinstance(solid, LatticeSolid):
         return ()
     with step("prediction"):
-        volume = MeshVolume(found.candidates.mesh_of(solid))
-        return lacks(volume, found.candidates.touched, bound)
+        volume = MeshVolume(published.candidates.mesh_of(solid))
+        return lacks(volume, published.candidates.touched, bound)
 
 
 def _departing(
-    found: Published, draft: Published | None, bound: float, step: Steps
+    published: Published, draft: Published | None, bound: float, step: Steps
 ) -> tuple[str, ...]:
     """Whether a solid lies farther from its draft than the bound allows."""
-    if found.solid is None or draft is None or draft.solid is None:
+    if published.solid is None or draft is None or draft.solid is None:
         return ()
     with step("prediction"):
-        mesh = found.candidates.mesh_of(found.solid)
+        mesh = published.candidates.mesh_of(published.solid)
         return departure(mesh, draft.candidates.mesh_of(draft.solid), bound)
 
 
@@ -187,12 +194,12 @@ def _candidates(state: State, goal: Goal, step: Steps) -> Candidates:
     """The solids of a set, and how the object lay in each placement as far as they tell."""
     before = next((one for one in reversed(state.history) if one.number < goal.number), None)
     known = Placements() if before is None else fitted_solids(state, before, step).placements
-    found = _fitted(state, known.poses, goal, step)
-    if found.general is None or not placements_of(state):
-        return replace(found, placements=known)
+    fitted = _fitted(state, known.poses, goal, step)
+    if fitted.general is None or not placements_of(state):
+        return replace(fitted, placements=known)
     with step("placement"):
-        placements = located(state, goal, found.general.solid, known)
-    return replace(found, placements=placements)
+        placements = located(state, goal, fitted.general.solid, known)
+    return replace(fitted, placements=placements)
 
 
 def _fitted(state: State, poses: tuple[Pose, ...], goal: Goal, step: Steps) -> Candidates:
@@ -213,8 +220,8 @@ def _fitted(state: State, poses: tuple[Pose, ...], goal: Goal, step: Steps) -> C
     space = None if state.space is None else known_space(seen, goal)
     faults = faults_of(MeshVolume(general.solid.rough_mesh), None, alone.touched, space)
     if faults:
-        told = tuple(f"the general solid: {fault}" for fault in faults)
-        return replace(alone, rejected=(*alone.rejected, *told))
+        reasons = tuple(f"the general solid: {fault}" for fault in faults)
+        return replace(alone, rejected=(*alone.rejected, *reasons))
     return replace(alone, general=general)
 
 
@@ -231,18 +238,18 @@ def _sliced(
             solid = _rebuild(state, goal, method, step)
         except ValueError as error:  # what was touched is no solid: a result, not a fault
             return replace(alone, why=str(error))
-        found = replace(alone, sliced=solid, why="")
+        sliced_only = replace(alone, sliced=solid, why="")
         with step("bound"):
             deviation = solid.whole_deviation()
         settings = SoundnessSettings() if method == "lattice" else DRAFT
         settings = settings if is_final(goal) else ON_THE_WAY
-        told_deviation = deviation and deviation.whole
+        deviation_of_whole = deviation and deviation.whole
         swept = None if space is None or is_final(goal) else _between(state, goal, space)
-        faults = faults_of(found.volume, told_deviation, touched, space, settings, swept)
+        faults = faults_of(sliced_only.volume, deviation_of_whole, touched, space, settings, swept)
         if not faults:
-            return found
-        told = tuple(f"the {method} of its slices: {fault}" for fault in faults)
-        alone = replace(alone, why="; ".join(faults), rejected=(*alone.rejected, *told))
+            return sliced_only
+        reasons = tuple(f"the {method} of its slices: {fault}" for fault in faults)
+        alone = replace(alone, why="; ".join(faults), rejected=(*alone.rejected, *reasons))
     return alone
 
 
@@ -312,15 +319,15 @@ def _continued(
     known = {int(number) for number in before.solid.placements_of_touches}
     if not {number for _, number in more} <= known:
         return None
-    few = count <= MORE * before.whole and goal.missed == earlier.missed
+    few = count <= REFITS.whole_ratio * before.whole and goal.missed == earlier.missed
     covered = all(before.solid.covers(one.points) for one, _ in more)
     if few and covered and not is_final(goal):
         with step("implicit spline"):
             solid = before.solid
-            for one, placement in more:
-                solid = solid.update(one, placement)
+            for touch, placement in more:
+                solid = solid.update(touch, placement)
         return before._replace(solid=solid)
-    if count > ANEW * before.anew:
+    if count > REFITS.anew_ratio * before.anew:
         return None
     evidence = stack_points([before.solid.contacts, *(one for one, _ in more)])
     first, below = before.solid.placements_of_touches, before.underside
@@ -361,7 +368,7 @@ def _fit_general(
         free=free,
         spanned=untouched_by(seen, goal).valleys,
         platform=platform,
-        cell=general.FINE if is_final(goal) else general.fitting_cell(evidence),
+        cell=general.SPLINES.cell if is_final(goal) else general.fitting_cell(evidence),
         outward=True,
         placement=placement if placement.any() else None,
         underside=underside,
@@ -418,7 +425,7 @@ def common_frame(contours: Sequence[types.Contour]) -> Floats:
 
 def is_upright(frame: Floats) -> bool:
     """Whether heights in a frame are the world's, so that an object stands on its lower end."""
-    return bool(Pose.from_array(frame).axes[2, 2] >= 1.0 - UPRIGHT_TOLERANCE)
+    return bool(Pose.from_array(frame).axes[2, 2] >= MIN_UPRIGHT_COSINE)
 
 
 def touched_ends(
@@ -454,9 +461,9 @@ def _probed(
     for probe in probes:
         if probe.outcome not in TOUCHED_OUTCOMES:
             continue
-        way = 1.0 if (probe.point - position) @ axes[:, 2] > 0.5 * (low + high) else -1.0
-        found = [one.points for one in touched.get(probe.id, ()) if len(one.points)]
-        points = np.concatenate(found) if found else probe.point[None]
-        reached = way * (points - position) @ axes[:, 2]
-        if reached.max() > max(way * low, way * high):
+        side = 1.0 if (probe.point - position) @ axes[:, 2] > 0.5 * (low + high) else -1.0
+        parts = [one.points for one in touched.get(probe.id, ()) if len(one.points)]
+        points = np.concatenate(parts) if parts else probe.point[None]
+        reached = side * (points - position) @ axes[:, 2]
+        if reached.max() > max(side * low, side * high):
             yield points[int(reached.argmax())]

@@ -32,7 +32,7 @@ from palpate.nodes.rebuilding.received import (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LocatingSettings:
-    """How placements are found and told."""
+    """How placements are estimated and reported."""
 
     places: int = 12_000  # of the solid's surface, onto which contacts are brought
     most_touches: int = 96  # that tell of a placement of which no hand has told
@@ -61,7 +61,7 @@ def underside_of(solid: GeneralSolid) -> Floats:
 
 def located(state: State, goal: Goal, solid: GeneralSolid, known: Placements) -> Placements:
     """The placements with those since, as far as the hand tells, or touches where it was none's."""
-    poses, errors, faults, others = map(list[Any], known[:4])
+    poses, errors, faults, alternatives = map(list[Any], known[:4])
     lost = tuple[str, ...]()
     for number in range(len(poses) + 1, placements_of(state) + 1):
         closings, asked = closings_in(state, goal, number), state.turns.get(number)
@@ -71,16 +71,16 @@ def located(state: State, goal: Goal, solid: GeneralSolid, known: Placements) ->
         if not closings or state.platform is None:
             break
         contacts, who = stack_points(closings), "touches" if asked is None else "contacts"
-        found = _place(solid, contacts, asked, state.platform)
-        if found is None:
+        placement = _place(solid, contacts, asked, state.platform)
+        if placement is None:
             lost = (f"its {len(contacts.points)} {who} fit the solid nowhere",)
             break
-        faults += _told(found, asked, who)
-        poses.append(found.pose)
-        errors.append(found.error)
-        others.append(found.alternatives)
-    told = tuple(dict.fromkeys(faults))
-    return Placements(tuple(poses), tuple(errors), told, tuple(others), lost)
+        faults += _sentences(placement, asked, who)
+        poses.append(placement.pose)
+        errors.append(placement.error)
+        alternatives.append(placement.alternatives)
+    sentences = tuple(dict.fromkeys(faults))
+    return Placements(tuple(poses), tuple(errors), sentences, tuple(alternatives), lost)
 
 
 def _place(
@@ -98,16 +98,18 @@ def _place(
     return place_object(surface, resting, *met, None if asked is None else asked.axes, platform)
 
 
-def _told(found: Placement, asked: Pose | None, who: str) -> list[str]:
+def _sentences(placement: Placement, asked: Pose | None, who: str) -> list[str]:
     """What a person should know of a placement, a sentence each."""
-    told, lean = [], 0.0
+    sentences, lean = [], 0.0
     if asked is not None:
-        lean = float(np.arccos(np.clip(found.pose.axes[2] @ asked.axes[2], -1.0, 1.0)))
+        lean = float(np.arccos(np.clip(placement.pose.axes[2] @ asked.axes[2], -1.0, 1.0)))
     if lean > LOCATING.otherwise:
-        told.append(f"it lies {math.degrees(lean):.0f} degrees otherwise than asked")
-    if found.alternatives:
-        told.append(f"its {who} fit {len(found.alternatives) + 1} ways to lie: it looks alike")
-    return told
+        sentences.append(f"it lies {math.degrees(lean):.0f} degrees otherwise than asked")
+    if placement.alternatives:
+        sentences.append(
+            f"its {who} fit {len(placement.alternatives) + 1} ways to lie: it looks alike"
+        )
+    return sentences
 
 
 def mistaken_error(solid: GeneralSolid, placements: Placements) -> float:
@@ -123,9 +125,9 @@ def mistaken_error(solid: GeneralSolid, placements: Placements) -> float:
     places = sample_surface(corners, LOCATING.mistaken_places, np.random.default_rng(0)).points
     search, own = nearest_search(corners), 2.0 * np.square(solid.expected_errors(places)[0]).mean()
     worst = 0.0
-    for pose, others in zip(placements.poses, placements.alternatives, strict=True):
-        for other in others:
-            moved = (other.inverse() @ pose).to_outer(places)
+    for pose, alternatives in zip(placements.poses, placements.alternatives, strict=True):
+        for alternative in alternatives:
+            moved = (alternative.inverse() @ pose).to_outer(places)
             off = nearest_points(search, moved).distances
             worst = max(worst, float(np.square(off).mean() - own))
     return math.sqrt(worst)

@@ -99,12 +99,12 @@ def contacts_in(
     state: State, goal: Goal, poses: Sequence[Pose], placements: Collection[int]
 ) -> list[tuple[ContactPoints, int]]:
     """What the hand met in some placements, as if the object had never been turned over."""
-    found = [(one, 0) for one in closings_in(state, goal, 0) if 0 in placements]
+    contacts = [(one, 0) for one in closings_in(state, goal, 0) if 0 in placements]
     for number, pose in enumerate(poses, 1):
         if number in placements:
             met = closings_in(state, goal, number)
-            found += [(_seen_from(pose, one), number) for one in met]
-    return found
+            contacts += [(_seen_from(pose, one), number) for one in met]
+    return contacts
 
 
 def _seen_from(pose: Pose, touched: ContactPoints) -> ContactPoints:
@@ -165,13 +165,13 @@ OPENINGS = OpeningSettings()
 
 def far_from_touch(state: State, goal: Goal) -> UntouchedPlaces:
     """The same without openings and hanging places that lie near to touch."""
-    found = untouched_by(state, goal)
-    if not len(found.openings) + len(found.hanging):
-        return found
+    untouched = untouched_by(state, goal)
+    if not len(untouched.openings) + len(untouched.hanging):
+        return untouched
     contacts = stack_points([one for one in touched_points(state, goal) if len(one.points)])
-    mouths = found.openings[touch_distances(contacts, found.openings) > OPENINGS.between]
-    hanging = found.hanging[touch_distances(contacts, found.hanging) > OPENINGS.beside]
-    return found._replace(openings=mouths, hanging=hanging)
+    mouths = untouched.openings[touch_distances(contacts, untouched.openings) > OPENINGS.between]
+    hanging = untouched.hanging[touch_distances(contacts, untouched.hanging) > OPENINGS.beside]
+    return untouched._replace(openings=mouths, hanging=hanging)
 
 
 def touched_points(state: State, goal: Goal) -> list[ContactPoints]:
@@ -222,8 +222,8 @@ def _middle(touched: ContactPoints) -> ContactPoints:
     """The point of a touch that lies nearest to the mean of all."""
     assert touched.normals is not None
     far = np.linalg.norm(touched.points - touched.points.mean(axis=0), axis=1)
-    one = slice(int(far.argmin()), int(far.argmin()) + 1)
-    return ContactPoints(touched.points[one], touched.normals[one], touched.touch[one])
+    nearest = slice(int(far.argmin()), int(far.argmin()) + 1)
+    return ContactPoints(touched.points[nearest], touched.normals[nearest], touched.touch[nearest])
 
 
 def placements_of(state: State) -> int:

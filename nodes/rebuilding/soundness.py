@@ -167,10 +167,10 @@ def departure(
     """Whether a solid lies farther from its draft than the bound stated for that [m] allows."""
     if bound is None or not len(mesh.faces) or not len(draft.faces):
         return ()
-    one, other = (
+    final, drafted = (
         prepare_surface(each.vertices, each.faces, settings.n_samples) for each in (mesh, draft)
     )
-    rms = compare_surfaces(one, other).rms
+    rms = compare_surfaces(final, drafted).rms
     if rms <= bound:
         return ()
     return (

@@ -12,8 +12,8 @@ from palpate.core.geometry import NearestSearch, nearest_points, nearest_search
 from palpate.core.rebuild import surface
 from palpate.core.shapes import Mesh, TriangleShape
 
-OVER = 0.5  # Cosine to a face's normal above which a place lies over it, not inside beside a crease
-UPWARD, FARTHEST = np.array([0.0, 0.0, 1.0]), 1.0  # Rays out of a solid, and their length, m
+UPWARD = np.array([0.0, 0.0, 1.0])  # Of rays out of a solid
+MAX_RAY = 1.0  # [m] no object is larger
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,8 +32,12 @@ class MeshVolume:
         """The same, ready for rays."""
         return TriangleShape(self.mesh.vertices, self.mesh.faces)
 
-    def depths(self, places: Floats) -> Floats:
-        """How deep places (n, 3) lie in it, (n,), m; 0 outside."""
+    def depths(self, places: Floats, min_face_cosine: float = 0.5) -> Floats:
+        """How deep places (n, 3) lie in it, (n,), m; 0 outside.
+
+        A place above its nearest face, within the angle of `min_face_cosine` from the face's
+        normal, is outside. Only for the others, which may lie beside a crease, rays are cast.
+        """
         depths = np.zeros(len(places))
         if not len(places):
             return depths
@@ -41,10 +45,9 @@ class MeshVolume:
         edges = self.search.triangles.edges[nearest.faces]
         normals = np.cross(edges[:, 0], edges[:, 1])
         over = np.einsum("ni,ni->n", places - nearest.points, normals)
-        # Who stands over the nearest face is outside; rays, which take long to prepare, tell of
-        # whoever does not.
-        left = np.flatnonzero(over <= OVER * nearest.distances * np.linalg.norm(normals, axis=1))
+        above = min_face_cosine * nearest.distances * np.linalg.norm(normals, axis=1)
+        left = np.flatnonzero(over <= above)
         if len(left):
-            inside = left[np.isneginf(self.shape.cast(places[left], UPWARD, FARTHEST))]
+            inside = left[np.isneginf(self.shape.cast(places[left], UPWARD, MAX_RAY))]
             depths[inside] = nearest.distances[inside]
         return depths

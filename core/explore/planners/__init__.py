@@ -60,7 +60,7 @@ from palpate.core.explore.planners.protocol import (
     slice_without_contour as slice_without_contour,
 )
 from palpate.core.explore.planners.surface import (
-    STANDING_HEIGHT as STANDING_HEIGHT,
+    PLACES as PLACES,
     ObservedSurface as ObservedSurface,
     OpenArea as OpenArea,
     Progress as Progress,

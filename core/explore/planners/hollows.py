@@ -32,7 +32,7 @@ class HollowSettings:
 
 
 HOLLOWS = HollowSettings()
-SQUARE = 1e-15  # [m^2] added to a sum of squares: with fewer than two neighbours it is singular
+RIDGE = 1e-15  # [m^2] added to a sum of squares: with fewer than two neighbours it is singular
 
 
 def pad_width(pad: Pad) -> float:
@@ -95,7 +95,7 @@ def least_concavity(
     tangents = axes_across(outward).transpose(0, 2, 1)
     away = np.where(is_near, (points[near] - places[:, None]) @ tangents, 0.0)
     leaning = np.where(is_near, normals[near] @ tangents, 0.0)
-    squares = np.einsum("kni,knj->kij", away, away) + SQUARE * np.eye(2)
+    squares = np.einsum("kni,knj->kij", away, away) + RIDGE * np.eye(2)
     growth = np.linalg.solve(squares, np.einsum("kni,knj->kij", away, leaning))
     bent = np.linalg.eigvalsh(0.5 * (growth + growth.transpose(0, 2, 1)))
     return np.asarray(-bent[:, 1])

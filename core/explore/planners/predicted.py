@@ -42,7 +42,7 @@ from palpate.core.explore.planners.protocol import (
     exhausted_budget,
     first_and_last,
 )
-from palpate.core.explore.planners.touches import LEAST_GAIN, next_touch
+from palpate.core.explore.planners.touches import CHOICES, next_touch
 from palpate.core.plugins import Range, check_ranges
 
 # Reasons of slices that no error has asked for.
@@ -80,7 +80,7 @@ class Predicted:
             return covering
         surface = observation.surface
         if surface is not None and observation.general:
-            return next_touch(observation, surface, LEAST_GAIN)
+            return next_touch(observation, surface, CHOICES.min_gain)
         prediction = prediction_of(observation)
         if prediction is not None:
             found = self._refining(observation, prediction)
@@ -91,7 +91,7 @@ class Predicted:
         estimate = estimate_error(observation)
         if surface is not None and not estimate.reached:
             bound = math.inf if estimate.rms_bound_95 is None else estimate.rms_bound_95
-            return next_touch(observation, surface, LEAST_GAIN, bound)
+            return next_touch(observation, surface, CHOICES.min_gain, bound)
         return Stop(_reason(observation, estimate))
 
     def settled(self, observation: Observation) -> Height | None:

@@ -1,7 +1,7 @@
-"""A solid of any shape as a planner of single touches is told of it, and what touches are worth.
+"""A solid of any shape as a planner of single touches knows it, and what touches are worth.
 
-It is told of the solid by its triangles and the error that is expected at each vertex. Places of it
-are drawn by area. The platform is a pedestal, as wide as the convex hull of what stands on it:
+It knows the triangles of the solid and the error that is expected at each vertex. Places of it are
+drawn by area. The platform is a pedestal, as wide as the convex hull of what stands on it:
 beside it the finger reaches lower, and touches what faces down. A touch is worth the squared
 errors, times area, of the places that it would meet or come near to.
 """
@@ -31,22 +31,35 @@ from palpate.core.shapes import Mesh, TriangleShape
 from palpate.core.touch import Pad
 from palpate.reprs import readable
 
-PLACES = 4000  # Of the surface at which errors are told
-PEDESTAL_GRID = 4.0e-3  # Of places on its top, m: far less than a pad
-STANDING_HEIGHT = 1.0e-3  # Over the platform, m: what lies so low stands on it
-DOWNWARD = -0.7  # Upward part of the normals of what faces down
-HIDDEN_SLOPE = 0.5  # Error that an unknown place may hide, over its distance from touch
-OPENINGS = 8  # Of which the middles are told
-LEAST_MEAN = 0.3  # Length of a mean normal below which they point everywhere
-BESIDE = 3.0e-3  # An opening that a pad spanned, over the surface that closes it, m
-HALF_OPENING = 1.5e-3  # From every touch: what lies nearer is no opening, m
-CREASE_SLOPE = 0.3  # Error that a crease may hide, over its distance from touch
-# Share of the tolerance that must be left for what touches reach; it takes twice the touches.
-LEAST_ROOM = 0.8
-# Error that an opening may hide, over the distance of its middle from its rim: with its walls, of
-# one that is four times as deep as wide: a bore of 8 mm through 30 mm.
-SPANNED_SLOPE = 16.0
-TOUCHED_AREA = 1.0e-4  # That one touch covers, m^2
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlaceSettings:
+    """At which places of a surface errors are counted, and what kind of place each is."""
+
+    n_places: int = 4000  # drawn by area
+    pedestal_grid: float = 4.0e-3  # [m] between places on the pedestal's top: far less than a pad
+    standing_height: float = 1.0e-3  # [m] over the platform: what lies lower stands on it
+    max_downward: float = -0.7  # upward part of the normals of what faces down
+    n_openings: int = 8  # whose middles are published
+    min_mean_normal: float = 0.3  # resultant length; below it normals have no common direction
+    opening_depth: float = 3.0e-3  # [m] from a place that a pad spanned, up to which it is open
+    min_opening: float = 1.5e-3  # [m] from every touch: nearer places are no opening
+    touched_area: float = 1.0e-4  # [m^2] that one touch covers
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HiddenSettings:
+    """The error that a place may hide: a slope, times the distance from the nearest touch."""
+
+    unknown_slope: float = 0.5  # of places that no finger came near to
+    crease_slope: float = 0.3  # of creases that hold the pad off
+    # Of an opening, over half its width, walls included: that of a hole four times as deep as wide.
+    opening_slope: float = 16.0
+    min_room: float = 0.8  # fraction of the tolerance that the rest must leave to touchable places
+
+
+PLACES = PlaceSettings()
+HIDDEN = HiddenSettings()
 
 
 class Progress(NamedTuple):
@@ -60,7 +73,7 @@ class Progress(NamedTuple):
 @readable
 @dataclass(frozen=True, eq=False)
 class ObservedSurface:
-    """A solid as a planner is told of it; world frame, m."""
+    """A solid as a planner knows it; world frame, m."""
 
     mesh: Mesh  # Closed, turned outwards
     errors: Floats  # Expected at each vertex, (n,)
@@ -106,7 +119,7 @@ class ObservedSurface:
         squares = np.square(places.errors if places.errors.any() else places.distances)
         squares = np.where(places.spanned, np.square(places.bounds), squares)
         if self.pose is not None:  # what it stood on at first can be touched now
-            hidden = np.square(HIDDEN_SLOPE * places.distances)
+            hidden = np.square(HIDDEN.unknown_slope * places.distances)
             squares = np.where(places.flat, np.maximum(squares, hidden), squares)
         if len(self.refused):
             squares[point_tree(self.refused).query(places.points)[0] < near] = 0.0
@@ -128,9 +141,9 @@ class ObservedSurface:
             float(far.sum()) / max(int(known), 1),
             2.0 * float(places.distances[middles].max(initial=0.0)),
             places.points[middles],
-            np.array([_outward(places, one) for one in middles]).reshape(-1, 3),
+            np.array([_outward(places, middle) for middle in middles]).reshape(-1, 3),
             float(places.under.mean()),
-            float(far.sum()) / PLACES * self.area / TOUCHED_AREA,
+            float(far.sum()) / PLACES.n_places * self.area / PLACES.touched_area,
         )
 
     @cached_property
@@ -184,7 +197,7 @@ class ObservedSurface:
         counted = ~self.places.flat
         rest = float((np.square(self.bounds_there) * ~touchable)[counted].mean())
         room, share = tolerance**2 - rest, float(touchable[counted].mean())
-        if room < LEAST_ROOM**2 * share * tolerance**2:
+        if room < HIDDEN.min_room**2 * share * tolerance**2:
             return tolerance
         return min(math.sqrt(room / share), tolerance) if share else tolerance
 
@@ -200,8 +213,10 @@ class ObservedSurface:
     @cached_property
     def neighbours(self) -> Ints:
         """Numbers of places, so few that a pad's worth of them are `n_neighbours`."""
-        in_reach = 2.0 * math.pi * (0.5 * pad_width(self.pad)) ** 2 * PLACES / self.area
-        return np.arange(0, PLACES, max(round(in_reach / HOLLOWS.n_neighbours), 1), dtype=np.int32)
+        in_reach = 2.0 * math.pi * (0.5 * pad_width(self.pad)) ** 2 * PLACES.n_places / self.area
+        return np.arange(
+            0, PLACES.n_places, max(round(in_reach / HOLLOWS.n_neighbours), 1), dtype=np.int32
+        )
 
     @cached_property
     def creased(self) -> Bools:
@@ -219,8 +234,8 @@ class ObservedSurface:
     def bounds_there(self) -> Floats:
         """Bounds of 95 % of the errors at the places, and of what creases may hide, (n,), m."""
         distances = self.places.distances
-        slopes = np.where(self.creased, CREASE_SLOPE, 0.0)
-        slopes[self.pits] = SPANNED_SLOPE
+        slopes = np.where(self.creased, HIDDEN.crease_slope, 0.0)
+        slopes[self.pits] = HIDDEN.opening_slope
         return np.maximum(self.places.bounds, slopes * distances)
 
     @cached_property
@@ -246,7 +261,7 @@ class ObservedSurface:
         except scipy.spatial.QhullError:  # it stands on a line
             return standing
         sides = zip(standing.min(axis=0)[:2], standing.max(axis=0)[:2], strict=True)
-        x, y = np.meshgrid(*(np.arange(low, high, PEDESTAL_GRID) for low, high in sides))
+        x, y = np.meshgrid(*(np.arange(low, high, PLACES.pedestal_grid) for low, high in sides))
         grid = np.column_stack([x.ravel(), y.ravel()])
         grid = grid[(grid @ planes[:, :2].T + planes[:, 2] <= 0.0).all(axis=1)]
         top = np.column_stack([grid, np.full(len(grid), self.platform)])
@@ -260,7 +275,7 @@ class ObservedSurface:
     @cached_property
     def hidden(self) -> float:
         """What the open area may hide of which slices know nothing, over the whole surface, m."""
-        slope = np.where(self.places.spanned, SPANNED_SLOPE, HIDDEN_SLOPE)
+        slope = np.where(self.places.spanned, HIDDEN.opening_slope, HIDDEN.unknown_slope)
         hides = self.away & ~self.places.under & ~self.reached
         return float(np.sqrt((np.square(slope * self.places.distances) * hides).mean()))
 
@@ -281,7 +296,7 @@ class ObservedSurface:
     @cached_property
     def reached(self) -> Bools:
         """Places that the offers meet, (n,)."""
-        met = np.zeros(PLACES, np.bool_)
+        met = np.zeros(PLACES.n_places, np.bool_)
         for offer in self.offers:
             met[offer.places] = True
         return np.asarray(met & (self.squares > 0.0), np.bool_)
@@ -304,7 +319,9 @@ class OpenArea(NamedTuple):
 
     share: float  # Of the surface, the underside apart
     width: float  # Of the largest opening, m; 0 if there is none
-    places: Floats  # Middles of the largest, (k, 3), m, the largest first; `OPENINGS` at most
+    places: (
+        Floats  # Middles of the largest, (k, 3), m, the largest first; `PLACES.n_openings` at most
+    )
     normals: Floats  # Outward there, (k, 3)
     under: float  # Share of the surface on which the object stands
     touches: float  # That it would take, if all of it can be reached
@@ -328,50 +345,50 @@ class SurfacePlaces(NamedTuple):
 
 def _middles(places: SurfacePlaces, far: Bools) -> Ints:
     """Numbers of the places in the middle of openings, the widest first, none within another."""
-    distances, found = np.where(far, places.distances, 0.0), list[int]()
-    while len(found) < OPENINGS and distances.max() > 0.0:
+    distances, middles = np.where(far, places.distances, 0.0), list[int]()
+    while len(middles) < PLACES.n_openings and distances.max() > 0.0:
         most = int(distances.argmax())
-        found.append(most)
+        middles.append(most)
         beside = np.linalg.norm(places.points - places.points[most], axis=1)
         distances[beside < 2.0 * places.distances[most]] = 0.0
-    return np.array(found, np.int32)
+    return np.array(middles, np.int32)
 
 
 def _outward(places: SurfacePlaces, number: int) -> Floats:
     """Mean outward normal (3,) of the opening about a place; off the middle where they cancel."""
     away = np.linalg.norm(places.points - places.points[number], axis=1)
     mean = places.normals[away < 0.5 * places.distances[number]].mean(axis=0)
-    if np.linalg.norm(mean) < LEAST_MEAN:  # what nothing was touched of may be folded
+    if np.linalg.norm(mean) < PLACES.min_mean_normal:  # what nothing was touched of may be folded
         mean = places.points[number] - places.points.mean(axis=0)
     return np.asarray(mean / max(float(np.linalg.norm(mean)), np.finfo(float).tiny))
 
 
 def _places(surface: ObservedSurface) -> SurfacePlaces:
     corners = surface.mesh.vertices[surface.mesh.faces]
-    points, faces = sample_surface(corners, PLACES, np.random.default_rng(len(corners)))
+    points, faces = sample_surface(corners, PLACES.n_places, np.random.default_rng(len(corners)))
     normals = areas_and_normals(corners)[1][faces]
-    standing = flat = under = np.zeros(PLACES, np.bool_)
+    standing = flat = under = np.zeros(PLACES.n_places, np.bool_)
     errors, bounds, distances = (
-        told[surface.mesh.faces[faces]].mean(axis=1)
-        for told in (surface.errors, surface.bounds, surface.distances)
+        values[surface.mesh.faces[faces]].mean(axis=1)
+        for values in (surface.errors, surface.bounds, surface.distances)
     )
     if surface.platform is not None:
         heights = points[:, 2] - surface.platform
         flat = standing = _stands(heights)
     if surface.platform is not None and surface.pose is None:
         under = standing | _hangs_over(points, standing, 0.5 * pad_width(surface.pad)) & (
-            (heights < BODY) & (normals[:, 2] < DOWNWARD)
+            (heights < BODY) & (normals[:, 2] < PLACES.max_downward)
         )
     elif surface.platform is not None and surface.pose is not None:
         at_first = surface.pose.to_local(points)[:, 2] - surface.platform
         flat = _stands(at_first) & (distances > NEAR * pad_width(surface.pad))
-    spanned = np.zeros(PLACES, np.bool_)
+    spanned = np.zeros(PLACES.n_places, np.bool_)
     if len(surface.openings):
-        near = point_tree(surface.openings).query(points)[0] < BESIDE
-        spanned = near & (distances > HALF_OPENING) & ~flat
-        bounds = np.where(spanned, np.maximum(bounds, SPANNED_SLOPE * distances), bounds)
-    told = points, normals, errors, bounds, distances
-    return SurfacePlaces(*told, standing, flat, under, spanned)
+        near = point_tree(surface.openings).query(points)[0] < PLACES.opening_depth
+        spanned = near & (distances > PLACES.min_opening) & ~flat
+        bounds = np.where(spanned, np.maximum(bounds, HIDDEN.opening_slope * distances), bounds)
+    errors_there = errors, bounds, distances
+    return SurfacePlaces(points, normals, *errors_there, standing, flat, under, spanned)
 
 
 def _stands(heights: Floats) -> Bools:
@@ -379,7 +396,7 @@ def _stands(heights: Floats) -> Bools:
 
     It stands somewhere: what is lowest of a solid that is said to end higher is not understood.
     """
-    return np.asarray(heights < STANDING_HEIGHT + max(float(heights.min()), 0.0))
+    return np.asarray(heights < PLACES.standing_height + max(float(heights.min()), 0.0))
 
 
 def _hangs_over(points: Floats, standing: Bools, width: float) -> Bools:

@@ -11,22 +11,38 @@ import numpy as np
 from palpate.core.arrays import Floats
 from palpate.core.explore.planners import protocol
 from palpate.core.explore.planners.approaches import TouchOffer
-from palpate.core.explore.planners.surface import HIDDEN_SLOPE, ObservedSurface, Progress
+from palpate.core.explore.planners.surface import HIDDEN, ObservedSurface, Progress
 from palpate.core.explore.planners.verdict import judge
 from palpate.core.plugins import Range, check_ranges
 
-LEAST_GAIN = 1e-3  # Of the squared error that is asked for, over the whole surface
-TOUCH_SECONDS = 1.5  # Of a touch without the way to it
-TRAVEL_SPEED = 0.1  # m/s
-NEARLY = 0.6  # Of the largest gain: touches that are worth less wait
-# Touches, at least and as a share of all, over which nothing has changed by more than these shares,
-# of the bound and of the surface: more of them do not pay. Nor do they where over a longer while
-# the bound went up and down, but never below what it had been.
-WINDOW, WINDOW_SHARE, SETTLED, SAME_OPEN = 24, 0.25, 0.06, 0.004
-WHILE, WHILE_SHARE = 96, 0.5
-# Of the surface: more of it than this that is unknown is touched as long as it can be, for where
-# nothing was touched thin ends grow horns.
-LEAST_OPEN = 0.002
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ChoiceSettings:
+    """Which of the touches is made."""
+
+    min_gain: float = 1e-3  # fraction of the squared error asked for, over the whole surface
+    touch_seconds: float = 1.5  # [s] of a touch without the way to it
+    travel_speed: float = 0.1  # [m/s]
+    min_gain_share: float = 0.6  # of the largest gain: touches that are worth less wait
+    # [fraction of the surface] that is unknown: more of it is touched as long as it can be, for
+    # where nothing was touched thin ends grow horns.
+    min_open: float = 0.002
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SettlingSettings:
+    """When touches no longer change what is known.
+
+    Touches end where over the last of them neither the bound nor the unknown area has changed, or
+    where over a longer stretch both went up and down, but never below what they had been.
+    """
+
+    min_touches: int = 24  # of the last ones, at least
+    share: float = 0.25  # of all touches that count as the last ones
+    bound_change: float = 0.06  # fraction of the error bound
+    open_change: float = 0.004  # [fraction of the surface] that is unknown
+    long_touches: int = 96  # of the longer stretch, at least
+    long_share: float = 0.5  # of all touches in the longer stretch
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -38,6 +54,8 @@ class PayingSettings:
     touched_distance: float = 1e-3  # [m] from a touch: bounds there are those of what was touched
 
 
+CHOICES = ChoiceSettings()
+SETTLING = SettlingSettings()
 PAYING = PayingSettings()
 
 
@@ -47,7 +65,7 @@ class Touches:
 
     single_touches: ClassVar[bool] = True
     # A touch must take this share of the squared error that is asked for, over the whole surface.
-    least_gain: Annotated[float, Range(0.0, 1.0, "1")] = LEAST_GAIN
+    least_gain: Annotated[float, Range(0.0, 1.0, "1")] = CHOICES.min_gain
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -66,7 +84,7 @@ class Touches:
         return choice
 
     def _first(self, observation: protocol.Observation) -> protocol.Choice:
-        """A slice through the middle: without a solid nobody knows where to touch."""
+        """A slice through the middle: without a solid no place to touch is known."""
         if observation.busy_heights:
             return protocol.Wait("other fingers are at work")
         if observation.slices:
@@ -96,9 +114,9 @@ def next_touch(
             f"{PAYING.min_gain:.0%}"
         )
     for worth, wanted, reason in _aims(observation, surface, left, least_gain, bound):
-        found = _best(observation, surface, worth, wanted)
-        if found is not None:
-            return protocol.Touch(*found[:3], reason)
+        offer = _best(observation, surface, worth, wanted)
+        if offer is not None:
+            return protocol.Touch(*offer[:3], reason)
     findings = replace(surface.findings, error_bound=bound)
     if judge(findings, observation.limits).reached:
         return protocol.Stop(protocol.ALL_REACHED)
@@ -121,7 +139,7 @@ def _aims(
         wanted = least_gain * observation.tolerance**2 * len(left)
         yield left, wanted, "the expected error is largest there"
     can_be = left > 0.0
-    if surface.reachable(observation.tried) > LEAST_OPEN:
+    if surface.reachable(observation.tried) > CHOICES.min_open:
         yield (surface.away & can_be).astype(float), 1.0, "nothing near to it was touched"
     if observation.limits.underside_share is not None and surface.pose is not None:
         flat = surface.places.flat & can_be
@@ -155,7 +173,7 @@ def touches_pay(
     met &= left > 0.0
     places = surface.places
     unknown = surface.away & ~places.flat | (places.flat if underside else False)
-    counted, hidden = ~places.flat, HIDDEN_SLOPE * places.distances
+    counted, hidden = ~places.flat, HIDDEN.unknown_slope * places.distances
     # What a deep hole may hide is more than all else, and no touch beside it lowers that.
     opened = places.spanned | surface.pits
     bounds = np.where(opened, np.minimum(surface.bounds_there, hidden), surface.bounds_there)
@@ -171,18 +189,20 @@ def touches_pay(
 
 def has_settled(progress: Sequence[Progress]) -> bool:
     """Whether the last touches brought nothing: neither a lower error nor less that is open."""
-    before, recent = _split(progress, WINDOW, WINDOW_SHARE)
+    before, recent = _split(progress, SETTLING.min_touches, SETTLING.share)
     if before and len(recent) > 1:
         bounds, opened = [one.bound for one in recent], [one.open for one in recent]
-        alike = max(bounds) - min(bounds) <= SETTLED * max(bounds)
-        if alike and max(opened) - min(opened) <= SAME_OPEN:
+        alike = max(bounds) - min(bounds) <= SETTLING.bound_change * max(bounds)
+        if alike and max(opened) - min(opened) <= SETTLING.open_change:
             return True
-    before, recent = _split(progress, WHILE, WHILE_SHARE)
+    before, recent = _split(progress, SETTLING.long_touches, SETTLING.long_share)
     if not before or not recent:
         return False
-    lower = min(one.bound for one in recent) < (1.0 - SETTLED) * min(one.bound for one in before)
+    lower = min(one.bound for one in recent) < (1.0 - SETTLING.bound_change) * min(
+        one.bound for one in before
+    )
     return not lower and min(one.open for one in recent) >= (
-        min(one.open for one in before) - SAME_OPEN
+        min(one.open for one in before) - SETTLING.open_change
     )
 
 
@@ -201,15 +221,15 @@ def _best(
 ) -> TouchOffer | None:
     """The offer that takes most of what is left at the places, (n,), for its time."""
     gains = [float(left[offer.places].sum()) for offer in surface.offers]
-    least = max(wanted, NEARLY * max(gains, default=0.0))
+    least = max(wanted, CHOICES.min_gain_share * max(gains, default=0.0))
     best, most = None, 0.0
     for offer, gain in zip(surface.offers, gains, strict=True):
         if gain < least:
             continue
-        way = 0.0
+        distance = 0.0
         if observation.resting is not None:
-            way = float(np.linalg.norm(offer.pose.position - observation.resting))
-        rate = gain / (TOUCH_SECONDS + way / TRAVEL_SPEED)
+            distance = float(np.linalg.norm(offer.pose.position - observation.resting))
+        rate = gain / (CHOICES.touch_seconds + distance / CHOICES.travel_speed)
         if rate > most:
             best, most = offer, rate
     return best

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.core.arrays import Bools
-from palpate.core.explore.planners.surface import HIDDEN_SLOPE, ObservedSurface
+from palpate.core.explore.planners.surface import HIDDEN, ObservedSurface
 from palpate.core.geometry import Rest, RestingSolid, rotation_between
 from palpate.core.poses import Pose
 
@@ -54,7 +54,7 @@ def choose_turn(
     if surface.platform is None or not len(surface.mesh.faces):
         return None
     places = surface.places
-    hidden = np.square(np.maximum(places.bounds, HIDDEN_SLOPE * places.distances))
+    hidden = np.square(np.maximum(places.bounds, HIDDEN.unknown_slope * places.distances))
     total = float(np.maximum(hidden, tolerance**2).sum())
     hidden[surface.reached | (hidden < tolerance**2)] = 0.0
     least = settings.min_gain * total

@@ -22,7 +22,7 @@ from palpate.core.rebuild.general.rebuilding import (
     tears as tears,
 )
 from palpate.core.rebuild.general.solid import (
-    FINE as FINE,
+    SPLINES as SPLINES,
     GeneralSolid as GeneralSolid,
     touch_squares as touch_squares,
 )

@@ -18,9 +18,9 @@ from palpate.core.arrays import Bools, Floats, Ints
 from palpate.reprs import readable
 
 ORDER = 4  # Of the splines along each axis: cubics
-LOCAL = ORDER**3  # Control values over a cell
-REACH = 1 << 19  # Cells from the origin, at most
-GAUSS = 5  # Points along an axis: products of derivatives of cubics are integrated exactly
+N_LOCAL = ORDER**3  # Control values over a cell
+MAX_COORDINATE = 1 << 19  # [cells] from the origin: three such coordinates fit a 64-bit key
+N_GAUSS = 5  # Points along an axis: products of derivatives of cubics are integrated exactly
 CORNERS = np.stack(np.meshgrid(*[np.arange(ORDER)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
 
 
@@ -46,16 +46,16 @@ class Band:
 
     def evaluate(self, values: Floats, places: Floats) -> tuple[Floats, Floats]:
         """The spline of values (n,) and its gradient at places (k, 3); NaN outside the band."""
-        number, within = self.locate(places)
+        number, offsets = self.locate(places)
         inside = number >= 0
         value, gradient = np.full(len(places), np.nan), np.full((len(places), 3), np.nan)
-        value[inside], gradient[inside] = self.evaluate_in(values, number[inside], within[inside])
+        value[inside], gradient[inside] = self.evaluate_in(values, number[inside], offsets[inside])
         return value, gradient
 
-    def evaluate_in(self, values: Floats, number: Ints, within: Floats) -> tuple[Floats, Floats]:
+    def evaluate_in(self, values: Floats, number: Ints, offsets: Floats) -> tuple[Floats, Floats]:
         """The same in cells of these numbers (k,), at places (k, 3) in them."""
         control = values[self.local[number]].reshape(-1, 4, 4, 4)
-        (x, y, z), (dx, dy, dz) = (_cubics(within, order).transpose(1, 0, 2) for order in range(2))
+        (x, y, z), (dx, dy, dz) = (_cubics(offsets, order).transpose(1, 0, 2) for order in range(2))
         # Direction by direction: a tenth of the work of 64 products for each of the four.
         planes, sloped = (np.einsum("kxyz,kz->kxy", control, one) for one in (z, dz))
         lines = np.einsum("kxy,ky->kx", planes, y)
@@ -69,30 +69,34 @@ class Band:
 
 def make_band(cells: Ints) -> Band:
     """The band of cells (k, 3), in any order, perhaps repeated; ValueError if none, or too far."""
-    if not len(cells) or np.abs(cells).max() >= REACH:
-        raise ValueError(f"a band must have cells within {REACH} of the origin, got {len(cells)}")
+    if not len(cells) or np.abs(cells).max() >= MAX_COORDINATE:
+        raise ValueError(
+            f"a band must have cells within {MAX_COORDINATE} of the origin, got {len(cells)}"
+        )
     cells = cells[np.unique(cell_keys(cells), return_index=True)[1]].astype(np.int32)
     spread = (cells[:, None] + CORNERS).reshape(-1, 3)
     _, first, inverse = np.unique(cell_keys(spread), return_index=True, return_inverse=True)
-    local = inverse.reshape(-1, LOCAL)
+    local = inverse.reshape(-1, N_LOCAL)
     control = spread[first] - 1  # a control value stands one cell inside its support
     return Band(cells, control.astype(np.int32), local.astype(np.int32))
 
 
 def cell_keys(cells: Ints) -> Ints:
     """One number (k,) for each cell (k, 3), ascending along x, then y, then z."""
-    shifted = cells.astype(np.int64) + REACH
-    return np.asarray((shifted[:, 0] * 2 * REACH + shifted[:, 1]) * 2 * REACH + shifted[:, 2])
+    shifted = cells.astype(np.int64) + MAX_COORDINATE
+    return np.asarray(
+        (shifted[:, 0] * 2 * MAX_COORDINATE + shifted[:, 1]) * 2 * MAX_COORDINATE + shifted[:, 2]
+    )
 
 
-def basis_values(within: Floats) -> Floats:
+def basis_values(offsets: Floats) -> Floats:
     """Values of the 64 splines at places (k, 3) in a cell, (k, 64)."""
-    return _products(*[_cubics(within, 0)] * 3)
+    return _products(*[_cubics(offsets, 0)] * 3)
 
 
-def basis_rows(within: Floats) -> Floats:
+def basis_rows(offsets: Floats) -> Floats:
     """Their values and gradients, (4, k, 64)."""
-    values, slopes = (_cubics(within, order) for order in range(2))  # (k, 3, 4)
+    values, slopes = (_cubics(offsets, order) for order in range(2))  # (k, 3, 4)
     return np.stack(
         [_products(values, values, values)]
         + [
@@ -104,7 +108,7 @@ def basis_rows(within: Floats) -> Floats:
 
 def _products(along_x: Floats, along_y: Floats, along_z: Floats) -> Floats:
     planes = along_x[:, 0, :, None] * along_y[:, 1, None, :]
-    return np.asarray((planes[..., None] * along_z[:, 2, None, None, :]).reshape(-1, LOCAL))
+    return np.asarray((planes[..., None] * along_z[:, 2, None, None, :]).reshape(-1, N_LOCAL))
 
 
 def _cubics(t: Floats, order: int) -> Floats:
@@ -118,20 +122,20 @@ def _cubics(t: Floats, order: int) -> Floats:
         return np.stack([-3.0 * s**2, *middle, 3.0 * t**2], axis=-1) / 6.0
     if order == 2:
         return np.stack([s, 3.0 * t - 2.0, 3.0 * s - 2.0, t], axis=-1)
-    one = np.ones_like(t)
-    return np.stack([-one, 3.0 * one, -3.0 * one, one], axis=-1)
+    ones = np.ones_like(t)
+    return np.stack([-ones, 3.0 * ones, -3.0 * ones, ones], axis=-1)
 
 
 @cache
 def cell_integrals() -> tuple[Floats, Floats]:
     """Over one cell: of all squared third derivatives, and of the square, (64, 64) each."""
-    nodes, weights = np.polynomial.legendre.leggauss(GAUSS)
+    nodes, weights = np.polynomial.legendre.leggauss(N_GAUSS)
     at = 0.5 * (nodes + 1.0)
     forms = [
         np.einsum("gi,gj,g->ij", _cubics(at, order), _cubics(at, order), 0.5 * weights)
         for order in range(4)
     ]
-    third = np.zeros((LOCAL, LOCAL))
+    third = np.zeros((N_LOCAL, N_LOCAL))
     for orders in product(range(4), repeat=3):
         if sum(orders) == 3:  # as often as derivatives along the axes can follow one another
             times = 6 // prod(factorial(order) for order in orders)

@@ -22,8 +22,8 @@ from palpate.core.arrays import Floats, Ints
 
 Longs = NDArray[np.int64]
 
-LEAF = 192  # Cells that are not halved
-RIDGE = 1e-9  # Of the largest diagonal: keeps control values that nothing tells
+MAX_LEAF = 192  # Cells of a part that is not halved: it changes the time, not the solution
+RIDGE = 1e-9  # Of the largest diagonal: it fixes control values that no equation determines
 
 
 class Front(NamedTuple):
@@ -80,7 +80,7 @@ def _halved(cells: Ints) -> tuple[Longs, list[tuple[int, int, tuple[int, ...]]]]
 
     def halve(low: int, high: int) -> int:
         parts: tuple[int, ...] = ()
-        if high - low > LEAF:
+        if high - low > MAX_LEAF:
             own = cells[order[low:high]]
             axis = int(np.ptp(own, axis=0).argmax())
             order[low:high] = order[low:high][np.argsort(own[:, axis], kind="stable")]
@@ -102,26 +102,26 @@ class Factor(NamedTuple):
 
     def solve(self, right: Floats) -> Floats:
         """The solution of the equations with right-hand sides, (n,) or (n, k)."""
-        found = right.copy()
+        solution = right.copy()
         for front, corner, side in self._eliminating():
-            own = scipy.linalg.lapack.dtrtrs(corner, found[front.own], lower=1)[0]
-            found[front.own] = own
-            found[front.border] -= side @ own
-        return self._substituted(found)
+            own = scipy.linalg.lapack.dtrtrs(corner, solution[front.own], lower=1)[0]
+            solution[front.own] = own
+            solution[front.border] -= side @ own
+        return self._substituted(solution)
 
     def draws(self, normal: Floats) -> Floats:
         """Draws (n, k) whose covariance is the inverse of the equations, of normal ones (n, k)."""
         return self._substituted(normal.copy())
 
     def _eliminating(self) -> list[tuple[Front, Floats, Floats]]:
-        every = zip(self.dissection.fronts, self.corners, self.sides, strict=True)
-        return [one for one in every if len(one[0].own)]
+        fronts = zip(self.dissection.fronts, self.corners, self.sides, strict=True)
+        return [(front, corner, side) for front, corner, side in fronts if len(front.own)]
 
-    def _substituted(self, found: Floats) -> Floats:
+    def _substituted(self, solution: Floats) -> Floats:
         for front, corner, side in reversed(self._eliminating()):
-            own = found[front.own] - side.T @ found[front.border]
-            found[front.own] = scipy.linalg.lapack.dtrtrs(corner, own, lower=1, trans=1)[0]
-        return found
+            own = solution[front.own] - side.T @ solution[front.border]
+            solution[front.own] = scipy.linalg.lapack.dtrtrs(corner, own, lower=1, trans=1)[0]
+        return solution
 
     def halves(self, right: scipy.sparse.csr_matrix) -> Iterator[tuple[Longs, Floats]]:
         """The product of the inverse of the lower factor and a sparse right-hand side (n, k).
@@ -146,8 +146,8 @@ class Factor(NamedTuple):
             )
             solved[begun.row, np.searchsorted(columns, begun.col)] = begun.data
             while below:
-                others, values, part = below.pop(0)
-                at, across = place[values], np.searchsorted(columns, others)
+                their_columns, values, part = below.pop(0)
+                at, across = place[values], np.searchsorted(columns, their_columns)
                 own = at < count
                 solved[np.ix_(at[own], across)] += part[own]
                 rest[np.ix_(at[~own] - count, across)] += part[~own]
@@ -220,7 +220,7 @@ def _summed(local: Longs, blocks: Floats, count: int, size: int) -> _Matrix:
 def _joined(below: list[tuple[Floats, Longs]], count: int, size: int) -> _Matrix:
     """The sum of the lower triangles (b, b) that two halves leave, at ascending places (b,)."""
     shapes = (count, count), (size - count, count), (size - count, size - count)
-    found = _Matrix(*(np.zeros(shape, order="F") for shape in shapes))
+    joined = _Matrix(*(np.zeros(shape, order="F") for shape in shapes))
     for part, at in below:
         starts = (np.diff(at, prepend=-2) != 1) | (at == count)
         ends = [*np.flatnonzero(starts).tolist(), len(at)]
@@ -228,10 +228,10 @@ def _joined(below: list[tuple[Floats, Longs]], count: int, size: int) -> _Matrix
         for number, (columns, low, high) in enumerate(stretches):
             for rows, first, last in stretches[number:]:
                 if first < count:
-                    into = found.corner[first:last, low:high]
+                    into = joined.corner[first:last, low:high]
                 elif low < count:
-                    into = found.side[first - count : last - count, low:high]
+                    into = joined.side[first - count : last - count, low:high]
                 else:
-                    into = found.rest[first - count : last - count, low - count : high - count]
+                    into = joined.rest[first - count : last - count, low - count : high - count]
                 into += part[rows, columns]
-    return found
+    return joined

@@ -145,8 +145,8 @@ def _sides(normals: Floats) -> list[tuple[Bools, Floats]]:
     The side of most points comes first, and none belongs to two of them.
     """
     alike = normals @ normals.T > math.cos(EDGES.cone)
-    left, found = np.ones(len(normals), np.bool_), list[tuple[Bools, Floats]]()
-    while len(found) < EDGES.n_faces and left.sum() >= EDGES.min_points:
+    left, sides = np.ones(len(normals), np.bool_), list[tuple[Bools, Floats]]()
+    while len(sides) < EDGES.n_faces and left.sum() >= EDGES.min_points:
         counts = (alike & left).sum(axis=1) * left
         own, mean = left & alike[counts.argmax()], normals[counts.argmax()]
         for _ in range(3):
@@ -154,10 +154,10 @@ def _sides(normals: Floats) -> list[tuple[Bools, Floats]]:
             mean = mean / np.linalg.norm(mean)
             own = left & (normals @ mean > math.cos(EDGES.cone))
             if own.sum() < EDGES.min_points:
-                return found
+                return sides
         left &= normals @ mean < math.cos(EDGES.apart)
-        found.append((own, mean))
-    return found
+        sides.append((own, mean))
+    return sides
 
 
 class _Face(NamedTuple):
@@ -192,10 +192,12 @@ def _joined(
         faces = [*faces, faces[1]]
     frames = np.array([face.frame for face, _ in faces])
     coefficients = np.array([face.coefficients for face, _ in faces])
-    one = Edges(place[None], place[None], frames[None], coefficients[None], np.ones((1, 2), bool))
+    single = Edges(
+        place[None], place[None], frames[None], coefficients[None], np.ones((1, 2), bool)
+    )
     means = np.array([mean for _, mean in faces])
     # Of a face at a ridge the other face's points lie inside.
-    inside = one.faces_at(np.zeros(3, np.int32), means)[0].T
+    inside = single.faces_at(np.zeros(3, np.int32), means)[0].T
     ridge = inside + inside.T < 0.0
     pairs = [(0, 1, 2), (0, 2, 1), (1, 2, 0)]
     alike = [bool(ridge[i, j]) for i, j, _ in pairs]
@@ -208,10 +210,10 @@ def _joined(
 
 def _sharp_ones(edges: Edges, points: Floats) -> Edges | None:
     """Those whose faces meet near to their places at an angle, as points beside them confirm."""
-    every = np.arange(len(edges.places), dtype=np.int32)
-    distances, normals = edges.faces_at(every, edges.places)
-    pair = _crossing_pair(edges, every, distances, normals)
-    creases, angles = _onto_crease(edges, every, edges.places, pair)
+    numbers = np.arange(len(edges.places), dtype=np.int32)
+    distances, normals = edges.faces_at(numbers, edges.places)
+    pair = _crossing_pair(edges, numbers, distances, normals)
+    creases, angles = _onto_crease(edges, numbers, edges.places, pair)
     shifts = np.linalg.norm(creases - edges.places, axis=1)
     good = (angles > EDGES.min_angle) & (shifts < EDGES.max_shift)
     if not good.any():
@@ -232,9 +234,9 @@ def _confirmed(edges: Edges, creases: Floats, pair: Ints, points: Floats) -> tup
     `pair` (e, 2): the two faces that meet.
     """
     near = point_tree(creases).query_ball_tree(point_tree(points), EDGES.tested)
-    counts = np.array([len(one) for one in near], np.int32)
+    counts = np.array([len(indices) for indices in near], np.int32)
     number = np.repeat(np.arange(len(creases), dtype=np.int32), counts)
-    beside = points[np.concatenate([np.array(one, np.int64) for one in near])]
+    beside = points[np.concatenate([np.array(indices, np.int64) for indices in near])]
     distances, rows = edges.faces_at(number, beside)[0], np.arange(len(number))
     fits = np.abs(distances[rows, edges.active(number, distances)]) < EDGES.fits
     confirmed = np.bincount(number, fits, len(creases)) >= EDGES.min_share * counts
@@ -276,8 +278,8 @@ def _newton_step(distances: Floats, normals: Floats) -> Floats:
 def sharpened(edges: Edges, vertices: Floats, faces: Ints) -> Floats:
     """Vertices (n, 3) of a mesh, those near to edges moved onto the faces that meet there [m]."""
     ranks = np.arange(1, min(EDGES.n_blended, len(edges.places)) + 1)
-    found = scipy.spatial.cKDTree(edges.places).query(vertices, ranks)
-    away, which = np.asarray(found[0], np.float64), np.asarray(found[1], np.int32)
+    nearest_edges = scipy.spatial.cKDTree(edges.places).query(vertices, ranks)
+    away, which = np.asarray(nearest_edges[0], np.float64), np.asarray(nearest_edges[1], np.int32)
     near = np.flatnonzero(away[:, 0] < EDGES.kept).astype(np.int32)
     if not len(near):
         return vertices
@@ -287,9 +289,9 @@ def sharpened(edges: Edges, vertices: Floats, faces: Ints) -> Floats:
     places = vertices[near]
     for _ in range(EDGES.move_rounds):
         step = np.zeros_like(places)
-        for one, share in zip(which.T, shares.T, strict=True):
-            distances, normals = edges.faces_at(one, places)
-            rows = np.arange(len(one)), edges.active(one, distances)
+        for numbers, share in zip(which.T, shares.T, strict=True):
+            distances, normals = edges.faces_at(numbers, places)
+            rows = np.arange(len(numbers)), edges.active(numbers, distances)
             step += (share * distances[rows])[:, None] * normals[rows]
         places = places - step
     places = _snapped(edges, vertices, faces, near, which[:, 0], places)
@@ -308,9 +310,9 @@ def sharpened(edges: Edges, vertices: Floats, faces: Ints) -> Floats:
 
 def _corners(edges: Edges) -> Floats:
     """Where three faces meet near to an edge, (c, 3) [m]."""
-    every, places = np.arange(len(edges.places), dtype=np.int32), edges.places
+    numbers, places = np.arange(len(edges.places), dtype=np.int32), edges.places
     for _ in range(EDGES.crease_rounds):
-        distances, normals = edges.faces_at(every, places)
+        distances, normals = edges.faces_at(numbers, places)
         places = places - _newton_step(distances, normals)
     cosines = np.einsum("nai,nai->na", normals, np.roll(normals, 1, axis=1))
     good = (cosines < math.cos(EDGES.min_angle)).all(axis=1)
@@ -320,21 +322,21 @@ def _corners(edges: Edges) -> Floats:
 def _snapped(
     edges: Edges, vertices: Floats, faces: Ints, near: Ints, which: Ints, places: Floats
 ) -> Floats:
-    """Places (k, 3) of the vertices `near`; of triangles' sides across an edge one end is on it."""
+    """Places (k, 3) of the vertices `near`; of a side across an edge one end is on it."""
     distances, normals = edges.faces_at(which, places)
     pair = _crossing_pair(edges, which, distances, normals)
     facing = normals[np.arange(len(which)), pair[:, 0]]
     number = np.full(len(vertices), -1, np.int64)
     number[near] = np.arange(len(near))
     sides = number[np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])]
-    one, other = sides[(sides >= 0).all(axis=1)].T
-    across = np.einsum("ni,ni->n", facing[one], facing[other]) < math.cos(EDGES.max_fold)
-    one, other = one[across], other[across]
+    first, second = sides[(sides >= 0).all(axis=1)].T
+    across = np.einsum("ni,ni->n", facing[first], facing[second]) < math.cos(EDGES.max_fold)
+    first, second = first[across], second[across]
     creases, angles = _onto_crease(edges, which, places, pair)
     ways = np.linalg.norm(creases - places, axis=1)
     ways[angles < EDGES.min_angle] = np.inf
-    nearer = np.where(ways[one] < ways[other], one, other)
-    length = np.linalg.norm(places[one] - places[other], axis=1)
+    nearer = np.where(ways[first] < ways[second], first, second)
+    length = np.linalg.norm(places[first] - places[second], axis=1)
     snapped = np.unique(nearer[ways[nearer] < EDGES.max_way * length])
     places = places.copy()
     places[snapped] = creases[snapped]

@@ -70,6 +70,10 @@ class ErrorSettings:
     edge_bends: tuple[float, float] = (0.3, 0.8)  # [rad]
     edge_factor: float = 3.0
     calibrated_growth: float = 1.5  # times as many touches: then a draft is calibrated again
+    n_bend_directions: int = 6  # in which the surface is followed for its bend
+    # [cells] from touched points: borders of the classes in which errors are averaged.
+    class_borders: tuple[float, ...] = (0.0, 0.3, 0.7, 1.2, 1.8, 2.6, 3.6, 5.0, 7.0, 10.0, 14.0)
+    n_places: int = 512  # at which draws are evaluated together
     max_ratio: float = 10.0  # of a touch's squared offset over the expected one, in their mean
     # What touches of scanned objects say (0.4 to 0.9) counts as so many of these touches do. With
     # half of it (balls, tori) errors far from touch are half of what the energy lets expect.
@@ -78,11 +82,7 @@ class ErrorSettings:
 
 
 ERRORS = ErrorSettings()
-# Distances from touched points, in cells, between which errors are averaged.
-EDGES = np.array([0.0, 0.3, 0.7, 1.2, 1.8, 2.6, 3.6, 5.0, 7.0, 10.0, 14.0, np.inf])
 CHI_SQUARE_MEDIAN = 0.4549364  # Of one degree of freedom
-N_BEND_DIRECTIONS = 6  # In which the surface is followed
-BLOCK = 512  # Places at which draws are looked at together
 
 
 @readable
@@ -171,10 +171,10 @@ def _by_distance(distances: Floats, variances: Floats, cell: float) -> tuple[Flo
     # Far from touches nothing holds the spline, and the object no less.
     touched = float(np.median(variances[distances <= max(ERRORS.near, float(distances.min()))]))
     variances = np.minimum(variances, (np.sqrt(touched) + ERRORS.growth * distances) ** 2)
-    classes = np.digitize(distances, EDGES) - 1
-    every = [classes == number for number in np.unique(classes)]
-    middles = [*(distances[here].mean() for here in every), distances.max()]
-    means = [variances[here].mean() for here in every]
+    classes = np.digitize(distances, ERRORS.class_borders) - 1
+    members = [classes == number for number in np.unique(classes)]
+    middles = [*(distances[here].mean() for here in members), distances.max()]
+    means = [variances[here].mean() for here in members]
     rising = np.maximum.accumulate([*means, means[-1]])
     return np.array(middles), np.sqrt(rising + (ERRORS.min_error / cell) ** 2)
 
@@ -196,7 +196,7 @@ def surface_bends(fit: ImplicitFit, places: Floats, reach: float) -> Floats:
     places, normals = places[known], normals[known]
     axes = axes_across(normals)
     least = np.ones(len(places))  # cosine
-    for turn in np.linspace(0.0, 2.0 * np.pi, N_BEND_DIRECTIONS, endpoint=False):
+    for turn in np.linspace(0.0, 2.0 * np.pi, ERRORS.n_bend_directions, endpoint=False):
         beside = places + reach * (np.cos(turn) * axes[:, 0] + np.sin(turn) * axes[:, 1])
         there = _unit_gradients(fit, beside)
         least = np.fmin(least, np.einsum("ni,ni->n", normals, there))
@@ -218,9 +218,9 @@ def calibration(left: LeftOut, factors: Floats) -> float:
     """
     ratios = left.squares / (factors * left.expected)
     median = float(np.median(ratios)) / CHI_SQUARE_MEDIAN
-    found = max(median, float(np.minimum(ratios, ERRORS.max_ratio).mean()))
+    measured = max(median, float(np.minimum(ratios, ERRORS.max_ratio).mean()))
     known = len(ratios) / (len(ratios) + ERRORS.prior_touches)
-    return max(found, known * found + (1.0 - known) * ERRORS.usual_calibration)
+    return max(measured, known * measured + (1.0 - known) * ERRORS.usual_calibration)
 
 
 def _surface_places(fit: ImplicitFit) -> Floats:
@@ -241,14 +241,14 @@ def _variances(solution: Solution, covariance: Floats, places: Floats) -> Floats
     draws = _draws(solution, covariance)
     gradient = band.evaluate(control, places)[1]
     slope = np.maximum(np.linalg.norm(gradient, axis=1), ERRORS.min_slope)
-    number, within = band.locate(places)
-    found = np.empty(len(places))
-    for begin in range(0, len(places), BLOCK):
-        some = slice(begin, begin + BLOCK)
-        rows = basis_values(within[some])
+    number, offsets = band.locate(places)
+    variances = np.empty(len(places))
+    for begin in range(0, len(places), ERRORS.n_places):
+        some = slice(begin, begin + ERRORS.n_places)
+        rows = basis_values(offsets[some])
         values = np.einsum("kl,kld->kd", rows, draws[band.local[number[some]]])
-        found[some] = np.square(values).mean(axis=1)
-    return np.asarray(found / slope**2)
+        variances[some] = np.square(values).mean(axis=1)
+    return np.asarray(variances / slope**2)
 
 
 def _draws(solution: Solution, covariance: Floats) -> Floats:

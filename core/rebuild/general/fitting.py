@@ -33,7 +33,13 @@ import numpy as np
 import scipy
 
 from palpate.core.arrays import Bools, Floats, Ints
-from palpate.core.rebuild.general.band import LOCAL, Band, basis_rows, basis_values, cell_integrals
+from palpate.core.rebuild.general.band import (
+    N_LOCAL,
+    Band,
+    basis_rows,
+    basis_values,
+    cell_integrals,
+)
 from palpate.core.rebuild.general.dissection import (
     Dissection,
     Factor,
@@ -43,10 +49,20 @@ from palpate.core.rebuild.general.dissection import (
 )
 from palpate.reprs import readable
 
-MOST_STEPS, RESIDUAL = 15, 0.03
-BLOCK = 4096  # Points whose rows are made at a time
-LEAST_SLOPE = 0.3  # Of the spline's gradient: a flatter one is no distance
-LEAST_POSE = 1e-9  # Cells: exact poses are as sure as this where they must be inverted
+MIN_POSE = 1e-9  # [cells] a variance of 0 has no inverse: exact poses count as this exact
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FitSettings:
+    """How exactly displacements are solved for, and where the spline is no distance."""
+
+    max_steps: int = 15  # of conjugate gradients
+    residual: float = 0.03  # fraction of the right-hand side, at which they end
+    n_rows: int = 4096  # points whose rows are made at a time
+    min_slope: float = 0.3  # of the spline's gradient: a flatter spline is no distance
+
+
+FITS = FitSettings()
 
 
 @readable
@@ -131,7 +147,7 @@ class Spline(NamedTuple):
     def distances(self, places: Floats) -> Floats:
         """Signed distances (n,) of places (n, 3) from the origin, m, to first order; NaN beyond."""
         value, gradient = self.fit.band.evaluate(self.fit.control, places / self.cell)
-        slope = np.maximum(np.linalg.norm(gradient, axis=1), LEAST_SLOPE)
+        slope = np.maximum(np.linalg.norm(gradient, axis=1), FITS.min_slope)
         return np.asarray(self.cell * value / slope)
 
 
@@ -201,23 +217,23 @@ class Fitted(NamedTuple):
 class CellBlocks(NamedTuple):
     """Blocks (64, 64) of the cells of a band, made when they are asked for: all fill memory."""
 
-    within: Floats  # Places of the points in their cells, in the order of these, (k, 3)
+    offsets: Floats  # Places of the points in their cells, in the order of these, (k, 3)
     scale: Floats  # What their rows are weighed with, (4, k)
     cell: Ints  # Cell of each point, ascending, (k,)
     regular: Floats  # What is in each block, (64, 64)
 
     def of(self, cells: Longs) -> Floats:
         """The blocks of some cells, (c, 64, 64)."""
-        found = np.empty((len(cells), LOCAL, LOCAL))
-        found[:] = self.regular
+        blocks = np.empty((len(cells), N_LOCAL, N_LOCAL))
+        blocks[:] = self.regular
         starts, ends = (np.searchsorted(self.cell, cells, side) for side in ("left", "right"))
         last = np.cumsum(ends - starts)  # of the points of these cells
         first = last - (ends - starts)
         rows = self._weighed(np.repeat(starts - first, ends - starts) + np.arange(last[-1]))
         for place in np.flatnonzero(ends > starts):
-            own = rows[:, first[place] : last[place]].reshape(-1, LOCAL)
-            found[place] += own.T @ own
-        return found
+            own = rows[:, first[place] : last[place]].reshape(-1, N_LOCAL)
+            blocks[place] += own.T @ own
+        return blocks
 
     @property
     def largest(self) -> float:
@@ -226,7 +242,7 @@ class CellBlocks(NamedTuple):
         ends = np.append(np.flatnonzero(np.diff(self.cell)) + 1, len(self.cell))
         begin = 0
         while begin < len(self.cell):  # some cells at a time
-            beyond = int(np.searchsorted(ends, begin + BLOCK))
+            beyond = int(np.searchsorted(ends, begin + FITS.n_rows))
             end = int(ends[min(beyond, len(ends) - 1)])
             starts = np.flatnonzero(np.diff(self.cell[begin:end], prepend=-1))
             squares = (self._weighed(np.arange(begin, end)) ** 2).sum(axis=0)
@@ -236,7 +252,7 @@ class CellBlocks(NamedTuple):
 
     def _weighed(self, points: Longs) -> Floats:
         """Rows of some points, (4, m, 64)."""
-        return basis_rows(self.within[points]) * self.scale[:, points, None]
+        return basis_rows(self.offsets[points]) * self.scale[:, points, None]
 
 
 class Equations:
@@ -255,17 +271,17 @@ class Equations:
         if dissection is None:
             dissection = dissect(band.cells, band.local, len(band.control))
         self.dissection = dissection
-        number, within = band.locate(points.places)
+        number, offsets = band.locate(points.places)
         self.inside = np.flatnonzero(number >= 0)
         order = self.inside[np.argsort(number[self.inside], kind="stable")]
         self.order, self.band, self.scale, self.count = order, band, weights, count
         self.cell = number[order]
         self.normals, self.touch = points.normals[order], points.touch[order]
-        self.within = within[order]
+        self.offsets = offsets[order]
         local = band.local[self.cell]
-        ends = np.arange(0, LOCAL * len(order) + 1, LOCAL)
+        ends = np.arange(0, N_LOCAL * len(order) + 1, N_LOCAL)
         shape = (len(order), len(band.control))
-        values = basis_values(self.within)
+        values = basis_values(self.offsets)
         self.values = scipy.sparse.csr_matrix((values.ravel(), local.ravel(), ends), shape=shape)
         self.displacing = scipy.sparse.csr_matrix(
             (
@@ -281,23 +297,23 @@ class Equations:
         `shares` (k,) weigh the points.
         """
         scale = np.array([self.scale.point, *[self.scale.normal] * 3])
-        return CellBlocks(self.within, shares / scale[:, None], self.cell, regular)
+        return CellBlocks(self.offsets, shares / scale[:, None], self.cell, regular)
 
     def right_side(self, shares: Floats) -> Floats:
         """What the normals ask of the gradients, (n,)."""
         asked = ((shares / self.scale.normal) ** 2)[:, None] * self.normals
-        found = np.zeros(len(self.band.control))
-        for begin in range(0, len(self.cell), BLOCK):
-            some = slice(begin, begin + BLOCK)
-            sums = np.einsum("akl,ka->kl", basis_rows(self.within[some])[1:], asked[some])
+        right = np.zeros(len(self.band.control))
+        for begin in range(0, len(self.cell), FITS.n_rows):
+            some = slice(begin, begin + FITS.n_rows)
+            sums = np.einsum("akl,ka->kl", basis_rows(self.offsets[some])[1:], asked[some])
             local = self.band.local[self.cell[some]]
-            found += np.bincount(local.ravel(), sums.ravel(), len(found))
-        return found
+            right += np.bincount(local.ravel(), sums.ravel(), len(right))
+        return right
 
     def misfits(self, control: Floats, displacements: Floats) -> tuple[Floats, Floats]:
         """Residuals of points, (k,), and how far off the gradients are, (k,)."""
         value = np.asarray(self.values @ control + self.displacing @ displacements.ravel())
-        gradient = self.band.evaluate_in(control, self.cell, self.within)[1]
+        gradient = self.band.evaluate_in(control, self.cell, self.offsets)[1]
         return value, np.linalg.norm(gradient - self.normals, axis=1)
 
 
@@ -353,7 +369,7 @@ def touch_blocks(equations: Equations, shares: Floats) -> Floats:
     own = np.empty((count, 3, 3))
     for i, j in np.ndindex(3, 3):
         own[:, i, j] = np.bincount(touch, normals[i] * normals[j] * square, count)
-    return np.asarray(own + np.eye(3) / max(equations.scale.pose, LEAST_POSE) ** 2)
+    return np.asarray(own + np.eye(3) / max(equations.scale.pose, MIN_POSE) ** 2)
 
 
 def _solve(
@@ -390,21 +406,21 @@ def conjugate_gradients(
     apply: Callable[[Floats], Floats], right: Floats, inverse: Floats, start: Floats
 ) -> Floats:
     """Displacements (t, 3) that solve a symmetric system, each touch's own block inverted."""
-    found = start
-    residual = right - apply(found) if start.any() else right
+    solution = start
+    residual = right - apply(solution) if start.any() else right
     turned = np.einsum("tij,tj->ti", inverse, residual)
-    way, product = turned, float((residual * turned).sum())
-    enough = RESIDUAL**2 * float((right * np.einsum("tij,tj->ti", inverse, right)).sum())
-    for _ in range(MOST_STEPS):
+    direction, product = turned, float((residual * turned).sum())
+    enough = FITS.residual**2 * float((right * np.einsum("tij,tj->ti", inverse, right)).sum())
+    for _ in range(FITS.max_steps):
         if product <= enough:
             break
-        image = apply(way)
-        length = product / float((way * image).sum())
-        found, residual = found + length * way, residual - length * image
+        image = apply(direction)
+        length = product / float((direction * image).sum())
+        solution, residual = solution + length * direction, residual - length * image
         turned = np.einsum("tij,tj->ti", inverse, residual)
         product, before = float((residual * turned).sum()), product
-        way = turned + product / before * way
-    return np.asarray(found)
+        direction = turned + product / before * direction
+    return np.asarray(solution)
 
 
 def refit_locally(
@@ -432,9 +448,9 @@ def refit_locally(
     matrix, right = system.matrix - columns @ through, system.right
     held = fit.control[values[~free]]
     factor = scipy.linalg.cho_factor(matrix[np.ix_(free, free)], lower=True, check_finite=False)
-    found = scipy.linalg.cho_solve(factor, right[free] - matrix[np.ix_(free, ~free)] @ held)
+    solution = scipy.linalg.cho_solve(factor, right[free] - matrix[np.ix_(free, ~free)] @ held)
     control = fit.control.copy()
-    control[values[free]] = found
+    control[values[free]] = solution
     moved = -through @ control[values]
     value, gradient = band.evaluate(control, touched.places)
     residuals = value + touched.normals @ moved
@@ -473,9 +489,9 @@ class _LocalSystem:
 
         Returns how they depend on a displacement of all of them: (values, 3) and (3, 3).
         """
-        number, within = self.band.locate(points.places)
+        number, offsets = self.band.locate(points.places)
         inside = np.flatnonzero((number >= 0) & self.known[number])
-        rows, normals = basis_rows(within[inside]), points.normals[inside]
+        rows, normals = basis_rows(offsets[inside]), points.normals[inside]
         local = self.place[self.band.local[number[inside]]]
         value = (shares[inside] / self.weights.point) ** 2
         slope = (shares[inside] / self.weights.normal) ** 2

@@ -85,7 +85,7 @@ def leave_out(
     if whole:
         solution = _exact(solution, inverse.displacements)
     place = {int(touch): number for number, touch in enumerate(displaced)}
-    found = np.array(
+    offsets = np.array(
         [
             _left_out(
                 solution, sketch, inverse.of_touch(number, place[touch]), settings.max_leverage
@@ -94,7 +94,7 @@ def leave_out(
         ]
     )
     covariance = inverse.displacements if whole else np.zeros((0, 0))
-    return LeftOut(solution, covariance, np.array(touches, np.int32), *found.T)
+    return LeftOut(solution, covariance, np.array(touches, np.int32), *offsets.T)
 
 
 def _drawn_touches(solution: Solution, settings: LeaveOutSettings, count: int | None) -> list[int]:
@@ -120,7 +120,7 @@ def _sketch(solution: Solution, touch: int, settings: LeaveOutSettings) -> _Sket
     rows = np.flatnonzero(equations.touch == touch)
     weights = solution.row_weights(rows)
     controls, place = np.unique(equations.band.local[equations.cell[rows]], return_inverse=True)
-    weighted = basis_rows(equations.within[rows]).transpose(1, 0, 2) * weights[..., None]
+    weighted = basis_rows(equations.offsets[rows]).transpose(1, 0, 2) * weights[..., None]
     dense = np.zeros((len(rows), 4, len(controls)))
     at = np.broadcast_to(place.reshape(len(rows), 1, -1), weighted.shape)
     np.put_along_axis(dense, at, weighted, axis=2)
@@ -220,8 +220,8 @@ def _left_out(
     equations, rows = solution.equations, sketch.rows
     weights = solution.row_weights(rows)
     normals = equations.normals[rows]
-    cell, within = equations.cell[rows], equations.within[rows]
-    fitted = np.column_stack(equations.band.evaluate_in(solution.fit.control, cell, within))
+    cell, offsets = equations.cell[rows], equations.offsets[rows]
+    fitted = np.column_stack(equations.band.evaluate_in(solution.fit.control, cell, offsets))
     moved = solution.fit.displacements[equations.touch[rows[0]]]
     residuals = (weights * (np.column_stack([-normals @ moved, normals]) - fitted)).ravel()
     fewer = len(inverse) - 3 - sketch.inner.shape[1]

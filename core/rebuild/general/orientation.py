@@ -61,8 +61,8 @@ def oriented(
         )
     sign = _voted(points, normals, patch, sign, settings)
     turned = int(np.count_nonzero(sign < 0.0))
-    found = contacts if not turned else contacts._replace(normals=normals * sign[:, None])
-    return Orientation(found, turned)
+    outward = contacts if not turned else contacts._replace(normals=normals * sign[:, None])
+    return Orientation(outward, turned)
 
 
 def _patches(
@@ -70,13 +70,15 @@ def _patches(
 ) -> tuple[NDArray[np.int32], Floats, Bools]:
     """The patch of each point, its side of it, 1 or -1, (n,), and which points have none."""
     count = len(points)
-    found = scipy.spatial.cKDTree(points).query(points, k=settings.n_neighbors + 1)
-    distances, near = np.asarray(found[0]), np.asarray(found[1])
+    neighbors = scipy.spatial.cKDTree(points).query(points, k=settings.n_neighbors + 1)
+    distances, near = np.asarray(neighbors[0]), np.asarray(neighbors[1])
     rows = np.repeat(np.arange(count), settings.n_neighbors)
     columns, lengths = near[:, 1:].ravel(), distances[:, 1:].ravel()
     cosine = (normals[rows] * normals[columns]).sum(axis=1)
-    way = points[columns] - points[rows]
-    offset = np.maximum(*(np.abs((way * normals[ends]).sum(axis=1)) for ends in (rows, columns)))
+    towards = points[columns] - points[rows]
+    offset = np.maximum(
+        *(np.abs((towards * normals[ends]).sum(axis=1)) for ends in (rows, columns))
+    )
     joined = np.abs(cosine) >= settings.min_alignment
     joined &= offset <= settings.max_offset * lengths
     rows, columns, cosine = rows[joined], columns[joined], cosine[joined]
@@ -142,8 +144,8 @@ def _voted(
 def _hull_votes(points: Floats, normals: Floats, settings: OrientationSettings) -> Floats:
     """For each point on the convex hull, whether its normal points away from it, 1, or in, -1."""
     votes = np.zeros(len(points))
-    every = -(-len(points) // settings.max_hull_points)
-    some = np.arange(0, len(points), every)
+    stride = -(-len(points) // settings.max_hull_points)
+    some = np.arange(0, len(points), stride)
     try:
         faces = np.unique(
             scipy.spatial.ConvexHull(points[some], qhull_options="QJ").equations, axis=0

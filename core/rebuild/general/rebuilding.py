@@ -38,23 +38,7 @@ from palpate.core.rebuild.general.walls import wall_cell
 from palpate.core.shapes import Mesh
 from palpate.core.steps import Steps, no_steps
 
-DENSE = 12.0e-3  # Way between touches below which drafts take the finest cells, m
-MOST_OVER = 1.15  # Times as many cells as there may be, with which a fit is begun
-VOXELS = 0.57  # Edge of the coarse solid's voxels, of a cell
-FOOT = 0.5  # Cells over the lowest touches: those below, inside too, belong to the band
-BAND = 1.0  # Cells to both sides of the surface as it is known
-SEARCHED = 4.0  # Cells to both sides of the coarse solid's, where an earlier spline is asked
-# So many cells outside the coarse solid, and so many from touch, an earlier spline's surface is not
-# gone on with: a lid over a hollow, say, into which fingers have been since.
-OUTSIDE, UNTOUCHED = 1.0, 2.0
-LACKED = 3.0  # Cells from an earlier spline's, from which on its object may have other surface
-SPREAD, LEAST_SPREAD, MOST_SPREAD = 0.35, 3.0e-3, 12.0e-3  # Of the way between touches, and m
-AREA = 1.5  # Of the area of the hull over the number of touches: what a point may stand for
-HULL_POINTS = 5_000  # More say no more about the hull
-MOST_POINTS = 30_000  # More are thinned out
-ROUNDS = 2  # Of weighing outliers, where nothing is known of them
 CUBE = np.moveaxis(np.indices((2, 2, 2)), 0, -1).reshape(-1, 3).astype(float)  # Corners
-FLAT = 1e-6  # Root mean square distance from a plane: what is nearer lies in it, m
 
 
 class GridSettings(NamedTuple):
@@ -70,6 +54,44 @@ class GridSettings(NamedTuple):
     more_touches: float = 1.25  # times as many until such cells are tried again in a draft
     cells_per_square: float = 2.0  # cells of a band for each cell's square of surface
     max_voxels: float = 1.5e6  # of the coarse solid, its margin apart
+    excess: float = 1.15  # times as many cells as there may be, with which a fit may begin
+    dense: float = 12.0e-3  # [m] between touches, below which drafts take the final cells
+    max_points: int = 30_000  # touched points; of more, some of each touch are taken
+    max_hull_points: int = 5_000  # of which the area of the hull is computed
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BandSettings:
+    """Which cells the spline covers; lengths in cells."""
+
+    width: float = 1.0  # to both sides of the surface as it is known
+    foot: float = 0.5  # above the lowest touches: cells inside and below belong to the band too
+    lowest: float = 0.5  # [%] of the points, left out where the lowest touches are looked for
+    searched: float = 4.0  # from the coarse surface, within which an earlier spline is evaluated
+    # An earlier spline's surface is given up where it lies so far outside the coarse solid and so
+    # far from touch: a lid over a hollow, say, into which fingers have been since.
+    outside: float = 1.0
+    untouched: float = 2.0
+    lacked: float = 3.0  # from an earlier band, beyond which the coarse solid adds surface
+
+
+BANDS = BandSettings()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SamplingSettings:
+    """Of what area touched points are samples, for the coarse solid."""
+
+    voxel: float = 0.57  # [cells] edge of a voxel
+    spread: float = 0.35  # of the distance between touches, over which points stand for surface
+    min_spread: float = 3.0e-3  # [m]
+    max_spread: float = 12.0e-3  # [m]
+    max_area: float = 1.5  # of the hull's area over the number of touches, for one point
+    min_rounds: int = 2  # of weighing outliers, where no earlier spline has weighed them
+    flat: float = 1e-6  # [m] rms distance of the points from a plane: nearer ones enclose nothing
+
+
+SAMPLING = SamplingSettings()
 
 
 def least_cell(
@@ -82,13 +104,13 @@ def least_cell(
         sides[2] = 2.0 * max(float(points[:, 2].max()) - platform, 0.0)
     by_band = settings.cells_per_square * _hull_area(points) / settings.max_cells
     by_voxels = float(np.prod(sides)) / settings.max_voxels
-    return max(math.sqrt(by_band), math.cbrt(by_voxels) / VOXELS)
+    return max(math.sqrt(by_band), math.cbrt(by_voxels) / SAMPLING.voxel)
 
 
 def fitting_cell(contacts: ContactPoints) -> float:
     """Edge of the cells that so many touches can fill, m: finer ones cost more and tell no more."""
     spacing = math.sqrt(_hull_area(contacts.points) / len(np.unique(contacts.touch)))
-    return solid.FINE if spacing < DENSE else solid.COARSE
+    return solid.SPLINES.cell if spacing < GridSettings().dense else solid.SPLINES.draft_cell
 
 
 def rebuild_general(
@@ -98,8 +120,8 @@ def rebuild_general(
     free: Floats | None = None,
     spanned: Floats | None = None,
     platform: float | None = None,
-    cell: float = solid.FINE,
-    pose: float = solid.POSE,
+    cell: float = solid.SPLINES.cell,
+    pose: float = solid.SPLINES.pose,
     outward: bool = False,
     placement: Ints | None = None,
     underside: Floats | None = None,
@@ -171,16 +193,16 @@ def _untorn(
     """The solid with cells of an edge [m], or smaller ones where that one's thin walls are torn."""
     grid, points = GridSettings(), known.touched.points
     cell = max(cell, least_cell(points, known.platform))
-    finer = grid._replace(max_cells=grid.max_wall_cells)
-    walls = max(wall_cell(known.touched, cell), least_cell(points, known.platform, finer))
+    finer_grid = grid._replace(max_cells=grid.max_wall_cells)
+    walls = max(wall_cell(known.touched, cell), least_cell(points, known.platform, finer_grid))
     if walls < cell and start is not None and start.cell <= grid.small_cell * cell:
         torn = _tears(start)
         if known.draft and not torn:
-            return _rebuilt(known, walls, finer, start, step)
-        found = _rebuilt(known, walls, finer, None, step)
-        if known.draft or _tears(found) <= torn:
-            return found
-        return min(found, _rebuilt(known, walls, finer, start, step), key=_tears)
+            return _rebuilt(known, walls, finer_grid, start, step)
+        finer_solid = _rebuilt(known, walls, finer_grid, None, step)
+        if known.draft or _tears(finer_solid) <= torn:
+            return finer_solid
+        return min(finer_solid, _rebuilt(known, walls, finer_grid, start, step), key=_tears)
     plain = _rebuilt(known, cell, grid, start, step)
     if walls >= cell or not (torn := _tears(plain)):
         return plain
@@ -189,15 +211,15 @@ def _untorn(
     if touches < grid.more_touches * tried:
         return replace(plain, tried_walls=tried)
     # From nothing: what larger cells have torn would stay so.
-    found = _rebuilt(known, walls, finer, None, step)
-    if _tears(found) < torn:
-        return found
+    finer_solid = _rebuilt(known, walls, finer_grid, None, step)
+    if _tears(finer_solid) < torn:
+        return finer_solid
     return replace(plain, tried_walls=touches)  # too little was touched for small cells
 
 
-def _tears(found: solid.GeneralSolid) -> int:
+def _tears(rebuilt: solid.GeneralSolid) -> int:
     """Of a mesh of halves of cells: whole ones do not resolve a wall as thick as a cell."""
-    return tears(found.plain_mesh(2))
+    return tears(rebuilt.plain_mesh(2))
 
 
 def tears(mesh: Mesh) -> int:
@@ -224,21 +246,21 @@ def _rebuilt(
         beside, below, pose = known.spanned, known.below, known.pose
         setting = Setting(touched, coarse, beside, below, platform, pose, following, placed, grid)
         before = None if start is None else Spline(start.cell, start.fit)
-        if before is None and cell < solid.COARSE and grid == GridSettings():
-            before = setting.fit(solid.COARSE, None, 1).spline
-        fitted = setting.fit(cell, before, ROUNDS if before is None else 1)
+        if before is None and cell < solid.SPLINES.draft_cell and grid == GridSettings():
+            before = setting.fit(solid.SPLINES.draft_cell, None, 1).spline
+        fitted = setting.fit(cell, before, SAMPLING.min_rounds if before is None else 1)
     with step("held-out touches"):
         predicted_before = start.predicted if known.draft and start is not None else None
         fit, predicted = surface_errors(fitted, predicted_before)
     count = int(touched.touch.max()) + 1
-    every, fit = fit.displacements, fit.of_first(len(touched.points), count)
-    found = solid.GeneralSolid(
+    displacements, fit = fit.displacements, fit.of_first(len(touched.points), count)
+    rebuilt = solid.GeneralSolid(
         setting.origin, fitted.spline.cell, fit, coarse, touched, platform, predicted, pose
     )
     if fitted.shared is None:
-        return found
-    motions = found_motions(touched, placed, fitted.shared.of(every))
-    return replace(found, placement=placed, motions=motions)
+        return rebuilt
+    motions = found_motions(touched, placed, fitted.shared.of(displacements))
+    return replace(rebuilt, placement=placed, motions=motions)
 
 
 def _untouched(underside: Floats | None, touched: Floats) -> Floats:
@@ -265,7 +287,7 @@ def _with_underside(touched: ContactPoints, below: Floats) -> ContactPoints:
 def is_flat(points: Floats) -> bool:
     """Whether points (n, 3) lie in one plane, m: they enclose nothing."""
     spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
-    return bool(len(points) < 4 or spread[2] < FLAT * np.sqrt(len(points)))
+    return bool(len(points) < 4 or spread[2] < SAMPLING.flat * np.sqrt(len(points)))
 
 
 def _coarse(
@@ -273,13 +295,14 @@ def _coarse(
 ) -> CoarseSolid:
     hull = _hull_area(touched.points)
     touches = int(touched.touch.max()) + 1
+    spread = SAMPLING.spread * np.sqrt(hull / touches)
     return coarse_solid(
         touched.points,
         np.asarray(touched.normals),
         np.zeros((0, 3)) if free is None else free,
-        step=VOXELS * cell,
-        spread=float(np.clip(SPREAD * np.sqrt(hull / touches), LEAST_SPREAD, MOST_SPREAD)),
-        most_area=AREA * hull / touches,
+        step=SAMPLING.voxel * cell,
+        spread=float(np.clip(spread, SAMPLING.min_spread, SAMPLING.max_spread)),
+        most_area=SAMPLING.max_area * hull / touches,
         platform=platform,
     )
 
@@ -347,30 +370,30 @@ class Setting(NamedTuple):
         if before is not None:
             start = start.begun(before.fit, before.cell / cell)
         cells = _surface_cells(self, before, points, cell)
-        over = len(make_band(cells).cells) / (MOST_OVER * self.grid.max_cells)
+        over = len(make_band(cells).cells) / (self.grid.excess * self.grid.max_cells)
         if over > 1.0:  # more surface than the touched points' hull has
-            return self.fit(cell * math.sqrt(MOST_OVER * over), before, rounds)
-        found: Solution | None = None
+            return self.fit(cell * math.sqrt(self.grid.excess * over), before, rounds)
+        solution: Solution | None = None
         weighed = 0
         for turn in range(self.following.turns + 1):
             band = make_band(cells)
             order = dissect(band.cells, band.local, len(band.control))
             control = self.coarse.at(band.control * cell + self.origin) / cell
             terms = points, control, solid.cell_weights(cell, self.pose)
-            found = None  # no two factors at a time
-            found = fit_implicit(band, *terms, start, order, shared)
-            beyond = surface_neighbours(found.fit, standing=self.platform is not None)
+            solution = None  # no two factors at a time
+            solution = fit_implicit(band, *terms, start, order, shared)
+            beyond = surface_neighbours(solution.fit, standing=self.platform is not None)
             if turn == self.following.turns or len(beyond) <= self.following.let_go * len(
                 band.cells
             ):
                 break
             cells = np.concatenate([band.cells, beyond])
-            start, weighed = start.begun(found.fit, 1.0), weighed + 1
-        assert found is not None
+            start, weighed = start.begun(solution.fit, 1.0), weighed + 1
+        assert solution is not None
         for _ in range(weighed, rounds - 1):
-            start, found = start.begun(found.fit, 1.0), None
-            found = fit_implicit(band, *terms, start, order, shared)
-        return Fitted(Spline(cell, found.fit), found, touched, *terms[1:], shared)
+            start, solution = start.begun(solution.fit, 1.0), None
+            solution = fit_implicit(band, *terms, start, order, shared)
+        return Fitted(Spline(cell, solution.fit), solution, touched, *terms[1:], shared)
 
     def _held_off(
         self, touched: TouchedPoints, cell: float, before: Spline | None
@@ -386,10 +409,11 @@ class Setting(NamedTuple):
         inside = before.cell * value < SPANNED.max_depth  # False where it is NaN
         places, gradient = places[inside] / cell, gradient[inside]
         slope = np.linalg.norm(gradient, axis=1, keepdims=True)
+        slope = np.maximum(slope, solid.SPLINES.min_slope)
         nearest = scipy.spatial.cKDTree(touched.places).query(places)[1]
         return TouchedPoints(
             np.concatenate([touched.places, places]),
-            np.concatenate([touched.normals, gradient / np.maximum(slope, solid.LEAST_SLOPE)]),
+            np.concatenate([touched.normals, gradient / slope]),
             np.concatenate([touched.touch, touched.touch[nearest]]),
         )
 
@@ -419,32 +443,32 @@ def _surface_cells(
     middles = np.moveaxis(np.indices(high - low), 0, -1).reshape(-1, 3) + low + 0.5
     distances = coarse.at(middles * cell + setting.origin) / cell
     if before is not None:
-        close = np.flatnonzero(np.abs(distances) < SEARCHED)
+        close = np.flatnonzero(np.abs(distances) < BANDS.searched)
         there = before.distances(middles[close] * cell) / cell
         known = np.isfinite(there)
         # Beside the band of the earlier spline the coarse solid tells only of what that one lacks.
         beside = scipy.spatial.cKDTree(before.fit.band.cells + 0.5).query(
-            middles[close][~known] * (cell / before.cell), distance_upper_bound=LACKED
+            middles[close][~known] * (cell / before.cell), distance_upper_bound=BANDS.lacked
         )
-        there[~known] = np.where(beside[0] < LACKED, np.inf, distances[close][~known])
-        gone = (distances[close] > OUTSIDE) & _are_untouched(setting, middles[close], cell)
+        there[~known] = np.where(beside[0] < BANDS.lacked, np.inf, distances[close][~known])
+        gone = (distances[close] > BANDS.outside) & _are_untouched(setting, middles[close], cell)
         distances[close] = np.where(gone, distances[close], there)
-    near = np.abs(distances) < BAND
+    near = np.abs(distances) < BANDS.width
     if standing:  # where it ends is for the spline to say, not for the mirrored coarse solid
-        lowest = np.percentile(points.places[:, 2], solid.LOWEST) + FOOT
-        near |= (middles[:, 2] < lowest) & (distances < BAND)
-    found = [middles[near], points.places]
+        lowest = np.percentile(points.places[:, 2], BANDS.lowest) + BANDS.foot
+        near |= (middles[:, 2] < lowest) & (distances < BANDS.width)
+    places = [middles[near], points.places]
     if before is not None:
         crossed = _crossed_places(before.fit) * (before.cell / cell)
-        outside = coarse.at(crossed * cell + setting.origin) / cell > OUTSIDE
-        found.append(crossed[~(outside & _are_untouched(setting, crossed, cell))])
-    return np.asarray(np.floor(np.concatenate(found)), np.int32)
+        outside = coarse.at(crossed * cell + setting.origin) / cell > BANDS.outside
+        places.append(crossed[~(outside & _are_untouched(setting, crossed, cell))])
+    return np.asarray(np.floor(np.concatenate(places)), np.int32)
 
 
 def _are_untouched(setting: Setting, places: Floats, cell: float) -> Bools:
     """Whether places (n, 3), in cells, lie far from touch: only there the coarse solid tells."""
     touched = (setting.touched.points - setting.origin) / cell
-    return np.asarray(scipy.spatial.cKDTree(touched).query(places)[0] > UNTOUCHED)
+    return np.asarray(scipy.spatial.cKDTree(touched).query(places)[0] > BANDS.untouched)
 
 
 def _crossed_places(fit: ImplicitFit) -> Floats:
@@ -452,45 +476,46 @@ def _crossed_places(fit: ImplicitFit) -> Floats:
     nodes = np.moveaxis(np.indices((3, 3, 3)), 0, -1).reshape(-1, 3) / 2.0
     inside = _inside(fit, nodes).reshape(-1, 3, 3, 3)
     corners = [inside[:, x : x + 2, y : y + 2, z : z + 2] for x, y, z in np.ndindex(2, 2, 2)]
-    crossed = [one.any(axis=(1, 2, 3)) & ~one.all(axis=(1, 2, 3)) for one in corners]
+    crossed = [eighth.any(axis=(1, 2, 3)) & ~eighth.all(axis=(1, 2, 3)) for eighth in corners]
     middles = fit.band.cells[:, None] + 0.25 + 0.5 * CUBE
     return np.asarray(middles[np.column_stack(crossed)])
 
 
-def _inside(fit: ImplicitFit, within: Floats) -> Bools:
+def _inside(fit: ImplicitFit, offsets: Floats) -> Bools:
     """Whether places (k, 3) in each cell lie inside, (n, k)."""
-    values = fit.control[fit.band.local] @ basis_values(within).T
+    values = fit.control[fit.band.local] @ basis_values(offsets).T
     return np.asarray(values < 0.0)
 
 
 def surface_neighbours(fit: ImplicitFit, *, standing: bool) -> Ints:
     """Cells (k, 3) beside a band that the surface enters through a face of one of its cells."""
     band = fit.band
-    inside, found = _inside(fit, CUBE), []
+    inside, neighbours = _inside(fit, CUBE), []
     for axis in range(3):
         for side in (0, 1):
             face = inside[:, CUBE[:, axis] == side]
             crossed = face.any(axis=1) & ~face.all(axis=1)
             beside = band.cells[crossed].copy()
             beside[:, axis] += 2 * side - 1
-            found.append(beside[band.find(beside) < 0])
-    beyond = np.concatenate(found)
+            neighbours.append(beside[band.find(beside) < 0])
+    beyond = np.concatenate(neighbours)
     return beyond[beyond[:, 2] >= -1] if standing else beyond
 
 
 def _thinned(contacts: ContactPoints) -> ContactPoints:
     """Some of the points of each touch, its first among them, so that no touch is lost."""
-    every = -(-len(contacts.points) // MOST_POINTS)
-    if every <= 1:
+    stride = -(-len(contacts.points) // GridSettings().max_points)
+    if stride <= 1:
         return contacts
     order = np.argsort(contacts.touch, kind="stable")
     sizes = np.bincount(contacts.touch)
     rank = np.empty(len(order), np.int64)
     rank[order] = np.arange(len(order)) - np.repeat(np.cumsum(sizes) - sizes, sizes)
-    kept = rank % every == 0
+    kept = rank % stride == 0
     assert contacts.normals is not None
     return ContactPoints(contacts.points[kept], contacts.normals[kept], contacts.touch[kept])
 
 
 def _hull_area(points: Floats) -> float:
-    return float(scipy.spatial.ConvexHull(points[:: max(1, len(points) // HULL_POINTS)]).area)
+    stride = max(1, len(points) // GridSettings().max_hull_points)
+    return float(scipy.spatial.ConvexHull(points[::stride]).area)

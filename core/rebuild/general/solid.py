@@ -39,18 +39,28 @@ from palpate.core.rebuild.general.topology import CoarseSolid
 from palpate.core.rebuild.protocol import Closest, Solid
 from palpate.core.shapes import Mesh, grid_surface, without_crossings
 
-FINE, COARSE = 4.0e-3, 5.0e-3  # Edge of a cell in the end, and before it, m
-POINT, NORMAL = 0.06e-3, 0.2  # Standard deviations of a touched point, m, and of its normal
-VARIATION, ANCHOR = 0.05, 1e6  # m and 1/m^5: of the energy's last two terms
-DETAIL = 3.0  # Power of a cell's edge by which variation counts less in finer ones
-POSE = 0.1e-3  # Of a touch's displacement, m
-PROJECTIONS = 2
-RETREATS = 20  # Rounds in which vertices of faces that cross go back to where they came from
-LEAST_PART = 0.02  # Of what was touched: a part with less of it is no part of the object
-LOCAL_REACH = 12.0e-3  # Of a touch: the solid is fitted anew so far about it, m
-LEAST_SLOPE = 0.2  # Of the spline's gradient: a flatter one is no distance
-LOWEST = 0.5  # Percent of the points: those are not the height above which an object was touched
-FARTHEST = 15.0e-3  # m
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SplineSettings:
+    """The energy of the implicit spline, and what is made of the spline."""
+
+    cell: float = 4.0e-3  # [m] edge of a cell of the final solid
+    draft_cell: float = 5.0e-3  # [m] edge of a cell before that
+    point: float = 0.06e-3  # [m] standard deviation of a touched point
+    normal: float = 0.2  # standard deviation of its normal
+    pose: float = 0.1e-3  # [m] standard deviation of a touch's displacement
+    variation: float = 0.05  # [m] weight of squared third derivatives, in cells of `draft_cell`
+    detail: float = 3.0  # power of a cell's edge with which that weight falls in smaller cells
+    anchor: float = 1e6  # [1/m^5] weight of the coarse solid
+    min_slope: float = 0.2  # of the spline's gradient: a flatter spline is no distance
+    n_projections: int = 2  # steps of Newton's method onto the surface
+    max_retreats: int = 20  # rounds in which vertices of faces that cross go back to the grid
+    min_part: float = 0.02  # fraction of the touched points on the largest part; fewer: no part
+    local_reach: float = 12.0e-3  # [m] about a new touch, within which `update` fits anew
+    max_residual: float = 15.0e-3  # [m] touched points farther off count as this far
+
+
+SPLINES = SplineSettings()
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,11 +105,11 @@ class GeneralSolid(Solid):
 
     def project(self, places: Floats, flat: Bools | None = None) -> Floats:
         """Places (n, 3) moved onto the surface along the gradient; `flat` (n,) stay level."""
-        for _ in range(PROJECTIONS):
+        for _ in range(SPLINES.n_projections):
             value, gradient = self.evaluate(places)
             if flat is not None:
                 gradient[flat, 2] = 0.0
-            square = np.maximum((gradient**2).sum(axis=1), LEAST_SLOPE**2)
+            square = np.maximum((gradient**2).sum(axis=1), SPLINES.min_slope**2)
             step = (value / square)[:, None] * gradient
             small = np.linalg.norm(step, axis=1) < self.cell  # false where it is NaN
             places = np.where(small[:, None], places - step, places)
@@ -112,7 +122,7 @@ class GeneralSolid(Solid):
         where the surface is so sharp that, moved onto it, their triangles would cross.
         """
         places, moved, faces = self._surface(parts)
-        vertices = without_crossings(places, moved, faces, RETREATS)
+        vertices = without_crossings(places, moved, faces, SPLINES.max_retreats)
         if self.edges is None:
             return Mesh(vertices, faces)
         sharp = sharpened(self.edges, vertices, faces)
@@ -120,7 +130,7 @@ class GeneralSolid(Solid):
             standing = vertices[:, 2] <= self.platform
             sharp[standing] = vertices[standing]
             sharp[:, 2] = np.maximum(sharp[:, 2], self.platform)
-        return Mesh(without_crossings(vertices, sharp, faces, RETREATS), faces)
+        return Mesh(without_crossings(vertices, sharp, faces, SPLINES.max_retreats), faces)
 
     @cached_property
     def edges(self) -> Edges | None:
@@ -143,7 +153,7 @@ class GeneralSolid(Solid):
     @cached_property
     def _rough(self) -> tuple[int, Mesh]:
         _, moved, faces = self._surface(1)
-        if self.cell >= FINE and len(moved):
+        if self.cell >= SPLINES.cell and len(moved):
             away = point_tree(moved, balanced=False).query(self.contacts.points)[0]
             if np.max(away) > self.cell:
                 return 2, self.plain_mesh(2)
@@ -167,9 +177,9 @@ class GeneralSolid(Solid):
         near = np.linalg.norm(moved - places, axis=1) < step
         moved = np.where(near[:, None], moved, places)
         if standing:
-            for one in (places, moved):
-                one[:, 2] = np.maximum(one[:, 2], self.origin[2])
-                one[flat, 2] = self.origin[2]
+            for heights in (places[:, 2], moved[:, 2]):
+                np.maximum(heights, self.origin[2], out=heights)
+                heights[flat] = self.origin[2]
         return places, moved, faces
 
     def bends(self, places: Floats) -> Floats:
@@ -192,38 +202,39 @@ class GeneralSolid(Solid):
         It is not where the solid is cut off at its platform, near to its sharp edges, or where the
         spline's gradient and the mesh's normal point apart.
         """
-        found = self.final_mesh.closest(points)
-        places = self.project(found.points)
+        nearest = self.final_mesh.closest(points)
+        places = self.project(nearest.points)
         gradient = self.evaluate(places)[1]
         slope = np.linalg.norm(gradient, axis=1, keepdims=True)
-        normals = gradient / np.maximum(slope, LEAST_SLOPE)
-        along = np.einsum("ni,ni->n", normals, found.normals)
-        on_spline = (along > np.cos(SHARP)) & (slope[:, 0] >= LEAST_SLOPE)  # False where it is NaN
+        normals = gradient / np.maximum(slope, SPLINES.min_slope)
+        along = np.einsum("ni,ni->n", normals, nearest.normals)
+        # False where the gradient is NaN
+        on_spline = (along > np.cos(SHARP)) & (slope[:, 0] >= SPLINES.min_slope)
         if self.platform is not None:
-            on_spline &= found.points[:, 2] > self.platform
-        on_spline &= ~self.is_sharp(found.points)
-        places = np.where(on_spline[:, None], places, found.points)
-        normals = np.where(on_spline[:, None], normals, found.normals)
+            on_spline &= nearest.points[:, 2] > self.platform
+        on_spline &= ~self.is_sharp(nearest.points)
+        places = np.where(on_spline[:, None], places, nearest.points)
+        normals = np.where(on_spline[:, None], normals, nearest.normals)
         offset = np.asarray(points, np.float64).reshape(-1, 3) - places
         distances = np.linalg.norm(offset, axis=1)
         side = np.where(
             on_spline & (distances < self.cell),
             np.einsum("ni,ni->n", offset, normals),
-            found.distances,
+            nearest.distances,
         )
         return Closest(places, normals, np.where(side < 0.0, -distances, distances))
 
     def residuals(self, places: Floats) -> Floats:
         """Distances (n,) of places (n, 3) from the surface, m: to first order where it is near."""
         value, gradient = self.evaluate(places)
-        slope = np.maximum(np.linalg.norm(gradient, axis=1), LEAST_SLOPE)
-        found = np.abs(value) / slope
-        far = ~(found < self.cell)
+        slope = np.maximum(np.linalg.norm(gradient, axis=1), SPLINES.min_slope)
+        distances = np.abs(value) / slope
+        far = ~(distances < self.cell)
         if far.any():
             mesh = self.rough_mesh
             search = nearest_search(mesh.vertices[mesh.faces])
-            found[far] = nearest_points(search, places[far]).distances
-        return np.asarray(found)
+            distances[far] = nearest_points(search, places[far]).distances
+        return np.asarray(distances)
 
     def expected_errors(self, places: Floats) -> tuple[Floats, Floats]:
         """Errors that are expected at places (n, 3) of its surface, and their bounds of 95 %, m."""
@@ -241,7 +252,7 @@ class GeneralSolid(Solid):
         return bool((self.fit.band.find(cells) >= 0).all())
 
     def update(self, touched: ContactPoints, placement: int = 0) -> GeneralSolid:
-        """The solid with what one touch more has touched, fitted anew within `LOCAL_REACH` of it.
+        """The solid with one touch more, fitted anew within `SplineSettings.local_reach` of it.
 
         `placement`: how often the object had been turned over before. Elsewhere the solid stays as
         it is, so that a touch takes the same time however many there were.
@@ -255,7 +266,9 @@ class GeneralSolid(Solid):
         places = (more.points - self.origin) / self.cell
         points = TouchedPoints(places, np.asarray(more.normals), more.touch)
         weights = cell_weights(self.cell, self.pose)
-        fit = refit_locally(self.fit, self._points(), points, weights, LOCAL_REACH / self.cell)
+        fit = refit_locally(
+            self.fit, self._points(), points, weights, SPLINES.local_reach / self.cell
+        )
         contacts = ContactPoints(
             np.concatenate([self.contacts.points, more.points]),
             np.concatenate([np.asarray(self.contacts.normals), points.normals]),
@@ -302,11 +315,11 @@ class GeneralSolid(Solid):
         shape = (high - low) * parts + 1
         nodes = (np.moveaxis(np.indices(shape), 0, -1) / parts + low) * self.cell + self.origin
         values = (self.coarse.at(nodes.reshape(-1, 3)) / self.cell).reshape(shape)
-        within = np.moveaxis(np.indices((parts + 1,) * 3), 0, -1).reshape(-1, 3)
-        found = self.fit.control[self.fit.band.local] @ basis_values(within / parts).T
-        at = (cells - low)[:, None] * parts + within
+        offsets = np.moveaxis(np.indices((parts + 1,) * 3), 0, -1).reshape(-1, 3)
+        cell_values = self.fit.control[self.fit.band.local] @ basis_values(offsets / parts).T
+        at = (cells - low)[:, None] * parts + offsets
         above = (at >= 0).all(axis=2)
-        values[tuple(at[above].T)] = found[above]
+        values[tuple(at[above].T)] = cell_values[above]
         return low * parts, values
 
     def _supported(self, inside: Bools, corner: Ints, step: float) -> Bools:
@@ -319,7 +332,7 @@ class GeneralSolid(Solid):
         parts, _ = scipy.ndimage.label(inside)
         counts = np.bincount(parts[touched & inside], minlength=int(parts.max()) + 1)
         counts[0] = 0
-        inside = (counts >= LEAST_PART * counts.max())[parts] & (parts > 0)
+        inside = (counts >= SPLINES.min_part * counts.max())[parts] & (parts > 0)
         parts, count = scipy.ndimage.label(~inside)
         border = np.ones(inside.shape, np.bool_)
         border[1:-1, 1:-1, 1:-1] = False
@@ -333,22 +346,22 @@ class GeneralSolid(Solid):
 def cell_weights(cell: float, pose: float) -> Weights:
     """Weights of the energy in cells of this edge, m; `pose` in m."""
     return Weights(
-        POINT / cell,
-        NORMAL,
+        SPLINES.point / cell,
+        SPLINES.normal,
         pose / cell,
-        VARIATION * (cell / COARSE) ** DETAIL / cell,
-        ANCHOR * cell**5,
+        SPLINES.variation * (cell / SPLINES.draft_cell) ** SPLINES.detail / cell,
+        SPLINES.anchor * cell**5,
     )
 
 
 def touch_squares(touched: ContactPoints, distances: Floats) -> Floats:
     """Of each touch, the mean square (t,) of the distances (n,) of its points from a solid, m^2.
 
-    What is farther off than `FARTHEST` counts as that: how much farther says nothing.
+    Points farther off than `SplineSettings.max_residual` count as that far.
     """
-    found = np.minimum(distances, FARTHEST) ** 2
+    squares = np.minimum(distances, SPLINES.max_residual) ** 2
     _, touch, counts = np.unique(touched.touch, return_inverse=True, return_counts=True)
-    return np.asarray(np.bincount(touch, found) / counts)
+    return np.asarray(np.bincount(touch, squares) / counts)
 
 
 def protrusions(touched: Floats, places: Floats) -> Floats:

@@ -6,12 +6,13 @@ points (Kazhdan and Hoppe, *Screened Poisson surface reconstruction*, 2013), on 
 conjugate gradients that a Fourier transform preconditions. We depart from them: points count by the
 area they stand for, so that stretches that were touched often do not outweigh others; what a finger
 has swept is held outside, as an inequality, for a penalty everywhere would bend the surface where
-nothing is wrong; and what nobody has passed within the hull of all points is taken to be inside,
+nothing is wrong; and what no finger has passed within the hull of all points is taken to be inside,
 weakly. The platform is a mirror: walls go on straight through it.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -20,18 +21,28 @@ import scipy
 from palpate.core.arrays import Bools, Floats
 from palpate.reprs import readable
 
-PADDING = 7  # Voxels around all points: the function has fallen to nothing there
-SCREENING = 0.5  # Weight of the points' values over that of their normals
-HULL = 0.0064  # Weight of the hull alone: it counts where no point is within a dozen voxels
-HULL_POINTS = 3000  # More say no more about the hull
-STEEP = 1e-9  # Upwards, of the normal of a plane that counts as upright
-FREE_WEIGHT = 0.5  # Of a voxel that must lie outside and does not
-FREE_MARGIN, FREE_TARGET = 0.08, 0.15  # Below the level: what counts as outside, and what is asked
-ROUNDS = 4  # Of pulling free voxels out
-FEW_VOXELS = 5  # Free voxels that may stay inside
-MOST_STEPS, RESIDUAL = 60, 3e-3
-LEAST_PART = 27  # Voxels: what is smaller is no part of an object
-SMOOTHING = 0.7  # Voxels, of the distances: steps of the grid are no edges
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CoarseSettings:
+    """The screened Poisson equation of the coarse solid, and how it is solved."""
+
+    padding: int = 7  # [voxels] around all points: the function has fallen to nothing there
+    screening: float = 0.5  # weight of the points' values over that of their normals
+    hull: float = 0.0064  # weight of the hull: it counts where no point is within 12 voxels
+    max_hull_points: int = 3000  # more change the hull by less than a voxel
+    free_weight: float = 0.5  # of a voxel that a finger has swept and that lies inside
+    free_margin: float = 0.08  # below the surface's level: swept voxels must lie as far below
+    free_target: float = 0.15  # below the level: the value that such voxels are pulled to
+    free_rounds: int = 4  # of pulling swept voxels out
+    max_wrong_voxels: int = 5  # swept voxels that may stay inside
+    max_steps: int = 60  # of conjugate gradients
+    residual: float = 3e-3  # fraction of the right-hand side, at which they end
+    min_part: int = 27  # [voxels] smaller parts are left out
+    smoothing: float = 0.7  # [voxels] of the distances: it rounds the steps of the grid
+
+
+COARSE_SOLIDS = CoarseSettings()
+STEEP = 1e-9  # Upward part of the normal of a plane, up to which the plane counts as upright
 
 
 @readable
@@ -70,10 +81,12 @@ def coarse_solid(
         points, normals = _mirrored(points, normals, platform)
         below = free * np.array([1.0, 1.0, -1.0]) + np.array([0.0, 0.0, 2.0 * platform])
         free = np.concatenate([free, below])
-    margin = PADDING * step
+    margin = COARSE_SOLIDS.padding * step
     low = points.min(axis=0) - margin
     extent = points.max(axis=0) + margin - low
-    shape = [scipy.fft.next_fast_len(int(np.ceil(one / step)) + 1, real=True) for one in extent]
+    shape = [
+        scipy.fft.next_fast_len(int(np.ceil(length / step)) + 1, real=True) for length in extent
+    ]
     if platform is not None:  # the platform is a plane of the grid
         low[2] = platform - step * round((platform - low[2]) / step)
     grid = _Grid(low, step, tuple(shape))
@@ -81,13 +94,13 @@ def coarse_solid(
     inside = scipy.ndimage.binary_fill_holes(chi > level)
     parts, _ = scipy.ndimage.label(inside)
     counts = np.bincount(parts.ravel())
-    counts[0] = LEAST_PART
-    inside &= counts[parts] >= LEAST_PART
+    counts[0] = COARSE_SOLIDS.min_part
+    inside &= counts[parts] >= COARSE_SOLIDS.min_part
     distances = scipy.ndimage.distance_transform_edt(
         ~inside
     ) - scipy.ndimage.distance_transform_edt(inside)
     distances = scipy.ndimage.gaussian_filter(
-        np.where(inside, distances + 0.5, distances - 0.5), SMOOTHING
+        np.where(inside, distances + 0.5, distances - 0.5), COARSE_SOLIDS.smoothing
     )
     return CoarseSolid(low, step, distances * step)
 
@@ -106,11 +119,11 @@ class _Grid(NamedTuple):
 
     def mask(self, places: Floats) -> Bools:
         """The voxels that hold one of the places (k, 3)."""
-        found = np.zeros(self.shape, np.bool_)
+        mask = np.zeros(self.shape, np.bool_)
         at = np.round((places - self.low) / self.step).astype(int)
         at = at[((at >= 0) & (at < self.shape)).all(axis=1)]
-        found[tuple(at.T)] = True
-        return found
+        mask[tuple(at.T)] = True
+        return mask
 
     def splat(self, places: Floats) -> scipy.sparse.csr_matrix:
         """Trilinear weights, (places, voxels)."""
@@ -154,9 +167,9 @@ def _screened(
     )
     divergence = sum(1j * wave * field for wave, field in zip(waves, fields, strict=True))
     right = scipy.fft.irfftn(divergence * np.exp(-0.5 * squares), grid.shape)
-    screen = (splat.T @ (SCREENING * areas)).reshape(grid.shape)
-    right, diagonal = right + 0.5 * screen, screen + HULL
-    right = right + HULL * (_in_hull(grid, points) & ~free)
+    screen = (splat.T @ (COARSE_SOLIDS.screening * areas)).reshape(grid.shape)
+    right, diagonal = right + 0.5 * screen, screen + COARSE_SOLIDS.hull
+    right = right + COARSE_SOLIDS.hull * (_in_hull(grid, points) & ~free)
     border = np.ones(grid.shape, np.bool_)
     border[1:-1, 1:-1, 1:-1] = False
     return _outside_of_free(
@@ -166,7 +179,9 @@ def _screened(
 
 def _in_hull(grid: _Grid, points: Floats) -> Bools:
     try:
-        planes = scipy.spatial.ConvexHull(points[:: max(1, len(points) // HULL_POINTS)]).equations
+        planes = scipy.spatial.ConvexHull(
+            points[:: max(1, len(points) // COARSE_SOLIDS.max_hull_points)]
+        ).equations
     except scipy.spatial.QhullError:  # all in one plane
         return np.zeros(grid.shape, np.bool_)
     x, y, z = (low + grid.step * np.arange(n) for low, n in zip(grid.low, grid.shape, strict=True))
@@ -200,15 +215,15 @@ def _outside_of_free(
 ) -> tuple[Floats, float]:
     """The solution in which free voxels lie outside: only those that do not are pulled."""
     chi, target = None, np.zeros(shape)
-    for turn in range(ROUNDS):
-        diagonal = system.diagonal + FREE_WEIGHT * active
-        right = system.right + FREE_WEIGHT * active * target
+    for turn in range(COARSE_SOLIDS.free_rounds):
+        diagonal = system.diagonal + COARSE_SOLIDS.free_weight * active
+        right = system.right + COARSE_SOLIDS.free_weight * active * target
         chi = _conjugate_gradients(system.squares, diagonal, right, chi)
         level = system.level(chi)
-        wrong = free & (chi > level - FREE_MARGIN) & ~active
-        if turn == ROUNDS - 1 or wrong.sum() < FEW_VOXELS:
+        wrong = free & (chi > level - COARSE_SOLIDS.free_margin) & ~active
+        if turn == COARSE_SOLIDS.free_rounds - 1 or wrong.sum() < COARSE_SOLIDS.max_wrong_voxels:
             break
-        target = np.where(wrong, level - FREE_TARGET, target)
+        target = np.where(wrong, level - COARSE_SOLIDS.free_target, target)
         active = active | wrong
     assert chi is not None
     return chi, level
@@ -230,16 +245,16 @@ def _conjugate_gradients(
 
     chi = solve(right) if start is None else start
     residual = right - apply(chi)
-    enough = RESIDUAL * float(np.linalg.norm(right))
+    enough = COARSE_SOLIDS.residual * float(np.linalg.norm(right))
     turned = solve(residual)
-    way, product = turned, float((residual * turned).sum())
-    for _ in range(MOST_STEPS):
+    direction, product = turned, float((residual * turned).sum())
+    for _ in range(COARSE_SOLIDS.max_steps):
         if float(np.linalg.norm(residual)) <= enough:
             break
-        image = apply(way)
-        length = product / float((way * image).sum())
-        chi, residual = chi + length * way, residual - length * image
+        image = apply(direction)
+        length = product / float((direction * image).sum())
+        chi, residual = chi + length * direction, residual - length * image
         turned = solve(residual)
         product, before = float((residual * turned).sum()), product
-        way = turned + product / before * way
+        direction = turned + product / before * direction
     return chi
