@@ -262,13 +262,16 @@ def _errors(
     vertices: Floats, candidates: Candidates, untouched: UntouchedPlaces, step: Steps
 ) -> dict[str, Any]:
     """Distance from touch at each vertex, and the error that it lets expect, if that is known."""
-    if not len(candidates.touched.points) or not len(vertices):
+    touched, general = candidates.touched, candidates.general
+    if not len(touched.points) and general is not None:
+        touched = general.solid.contacts  # of the hand
+    if not len(touched.points) or not len(vertices):
         return {}
     with step("bound"):
-        distances = touch_distances(candidates.touched, vertices)
+        distances = touch_distances(touched, vertices)
         errors = bounds = np.zeros_like(distances)  # slices tell of theirs by height
-        if candidates.general is not None:
-            errors, bounds = candidates.general.solid.expected_errors(vertices)
+        if general is not None:
+            errors, bounds = general.solid.expected_errors(vertices)
             bounds = np.maximum(bounds, untouched.slopes_at(vertices) * distances)
         return {"vertex_distances": distances, "vertex_errors": errors, "vertex_bounds": bounds}
 

@@ -210,7 +210,10 @@ def _fitted(state: State, poses: tuple[Pose, ...], goal: Goal, step: Steps) -> C
         return _by_thesis(state, goal, stack_points(touched), step)
     methods: tuple[Method, ...] = ("lattice", "draft") if is_final(goal) else ("draft",)
     alone = _sliced(state, goal, stack_points(touched), methods, step)
-    if not touched or (alone.sliced is not None and not goal.failed):
+    if alone.sliced is not None and not goal.failed:
+        return alone
+    # Where the first slice met nothing, the hand's contacts alone show where to touch.
+    if not touched and not (goal.failed and closings_in(state, goal, 0)):
         return alone
     general = _general(state, poses, goal, step)
     if general is None:
