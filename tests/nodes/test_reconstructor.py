@@ -299,6 +299,19 @@ def test_closings_alone_give_the_superquadric_of_the_hand_in_any_order():
     assert promised([asked, *map(contacts, (3, 1, 2))]) == []
 
 
+def test_hand_alone_gives_a_solid_to_touch_where_the_first_slice_met_nothing():
+    missed = "/contour/traced", example(types.Contour, id=7, status="no_contact", touches=0)
+    asked = goal(1, arcs=(7,), failed=True, general=True, closings=4)
+    scene = ("/world", HELD), INFO
+    [model] = models([*scene, *map(contacts, range(4)), missed, asked])
+    assert error(model) < 2e-3 and (model.method, len(model.faces) > 0) == ("general", True)
+    assert len(model.vertex_bounds) == len(model.vertices)
+    assert 0.0 < model.vertex_distances.max() < RADIUS
+    # Without contacts there is none.
+    [empty] = models([contacts(0, 0), missed, goal(1, arcs=(7,), failed=True, closings=1)])
+    assert len(empty.vertices) == 0
+
+
 def test_sets_of_nothing_give_empty_models():
     [coarse] = models([contacts(0, 0), goal(0, closings=1)])
     assert coarse.warnings == ("too few points",) and encode(coarse)
