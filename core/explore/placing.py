@@ -48,6 +48,9 @@ class PlacingSettings:
     edge_reach: float = 2.0e-3
     n_neighbours: int = 16  # of a place that are looked at
     least_error: float = 0.2e-3  # [m] of a place of the surface: how far apart places are counts
+    # Standard deviations added to the height of a corner of the hull before corners are compared:
+    # the object stands on the one that is lowest then.
+    corner_sigmas: float = 2.0
     outlier: float = 3.0  # deviations from which on a contact counts as an outlier
     same_angle: float = math.radians(8.0)  # poses turned by less are one [rad]
     # Costs are negative logarithms of likelihoods, half the squares of what is off.
@@ -248,10 +251,12 @@ class _Registration:
     def _heights(self, rotations: Floats, shifts: Floats, bends: Floats) -> tuple[Floats, Floats]:
         """How high the lowest corners of the hull stand over the platform, (b, 1), and its growth.
 
-        Both over what these corners may be off; (b, 1, 6).
+        Both over what these corners may be off; (b, 1, 6). Corners that may be off by much, as of a
+        ripple that nothing touched, do not count as lowest.
         """
         ups = rotations[:, :, 2]  # the vertical in the object's frame
-        lowest = (self.hull @ ups.T).argmin(axis=0)
+        margins = self.settings.corner_sigmas * self.hull_errors
+        lowest = (self.hull @ ups.T + margins[:, None]).argmin(axis=0)
         away = self.hull[lowest] - shifts
         errors = self.hull_errors[lowest, None]
         height = np.einsum("bi,bi->b", away, ups) + self.middle[2] - self.platform

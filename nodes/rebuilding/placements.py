@@ -86,12 +86,17 @@ def located(state: State, goal: Goal, solid: GeneralSolid, known: Placements) ->
 def _place(
     solid: GeneralSolid, contacts: ContactPoints, asked: Pose | None, platform: float
 ) -> Placement | None:
+    # Only objects that are turned over need this import.
+    from palpate.core.rebuild.general import protrusions
+
     assert contacts.normals is not None
     mesh = solid.mesh(solid.rough_parts)  # with its edges, at which hands often meet it
     corners = mesh.vertices[mesh.faces]
     places, faces = sample_surface(corners, LOCATING.places, np.random.default_rng(0))
     bends = np.where(solid.is_sharp(places), 0.0, solid.bends(places))
     errors = np.hypot(solid.expected_errors(places)[0], LOCATING.blunt * solid.cell * bends)
+    # What rises over the hull of all that was touched may not be there.
+    errors = np.hypot(errors, protrusions(solid.contacts.points, places))
     surface = KnownSurface(places, areas_and_normals(corners)[1][faces], errors)
     resting = RestingSolid(mesh.vertices, mesh.faces)
     met = contacts.points, contacts.normals

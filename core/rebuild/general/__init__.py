@@ -24,6 +24,7 @@ from palpate.core.rebuild.general.rebuilding import (
 from palpate.core.rebuild.general.solid import (
     SPLINES as SPLINES,
     GeneralSolid as GeneralSolid,
+    protrusions as protrusions,
     touch_squares as touch_squares,
 )
 from palpate.core.rebuild.general.walls import (

@@ -65,8 +65,14 @@ SPLINES = SplineSettings()
 
 @dataclass(frozen=True, slots=True)
 class ProtrusionSettings:
-    """The error of surface beyond the convex hull of all touched points."""
+    """Surface beyond the convex hull of all touched points: what is cut off, and its error."""
 
+    # Near to touch, what rises higher over the hull than `cut_height` and `cut_slope` times the
+    # distance from touch is a ripple of the spline, and is cut off: up to 5 mm high on cups and
+    # bowls with walls of 2 and 3 mm, 0.7 % of their surface, and nothing on scanned objects.
+    cut_height: float = 1.5e-3  # [m]
+    cut_slope: float = 0.5
+    cut_distance: float = 8.0e-3  # [m] from touch, up to which ripples are cut off
     min_height: float = 1.0e-3  # [m] over the hull: the error is the height over this
     bound_factor: float = 1.5  # of a bound, over that error
     # The hull is that of one point for each cube of the larger of both edges.
@@ -168,7 +174,7 @@ class GeneralSolid(Solid):
         corner, values = self._volume(parts)
         step = self.cell / parts
         standing = self.platform is not None
-        inside = self._supported(values < 0.0, corner, step)
+        inside = self._supported(self._within_reach(values < 0.0, corner, step), corner, step)
         values = np.where(inside, np.minimum(values, -1e-6), np.maximum(values, 1e-6))
         vertices, faces = grid_surface(values, level_bottom=standing)
         flat = (vertices[:, 2] == 0.0) & standing
@@ -321,6 +327,18 @@ class GeneralSolid(Solid):
         above = (at >= 0).all(axis=2)
         values[tuple(at[above].T)] = cell_values[above]
         return low * parts, values
+
+    def _within_reach(self, inside: Bools, corner: Ints, step: float) -> Bools:
+        """Without nodes of ripples, which rise steeply over the hull of what was touched."""
+        nodes = np.argwhere(inside)
+        places = (nodes + corner) * step + self.origin
+        beyond = protrusions(self.contacts.points, places)
+        high = np.flatnonzero(beyond > PROTRUSIONS.cut_height)
+        away = touch_distances(self.contacts, places[high])
+        steep = beyond[high] > PROTRUSIONS.cut_height + PROTRUSIONS.cut_slope * away
+        kept = inside.copy()
+        kept[tuple(nodes[high[steep & (away < PROTRUSIONS.cut_distance)]].T)] = False
+        return kept
 
     def _supported(self, inside: Bools, corner: Ints, step: float) -> Bools:
         """Without parts, and without hollows, at which nothing was touched."""
