@@ -174,7 +174,8 @@ class GeneralSolid(Solid):
         corner, values = self._volume(parts)
         step = self.cell / parts
         standing = self.platform is not None
-        inside = self._supported(self._within_reach(values < 0.0, corner, step), corner, step)
+        ripples = self._ripples(values < 0.0, corner, step)
+        inside = self._supported((values < 0.0) & ~ripples, corner, step)
         values = np.where(inside, np.minimum(values, -1e-6), np.maximum(values, 1e-6))
         vertices, faces = grid_surface(values, level_bottom=standing)
         flat = (vertices[:, 2] == 0.0) & standing
@@ -328,17 +329,17 @@ class GeneralSolid(Solid):
         values[tuple(at[above].T)] = cell_values[above]
         return low * parts, values
 
-    def _within_reach(self, inside: Bools, corner: Ints, step: float) -> Bools:
-        """Without nodes of ripples, which rise steeply over the hull of what was touched."""
+    def _ripples(self, inside: Bools, corner: Ints, step: float) -> Bools:
+        """Nodes inside ripples, which rise steeply over the hull of what was touched."""
         nodes = np.argwhere(inside)
         places = (nodes + corner) * step + self.origin
         beyond = protrusions(self.contacts.points, places)
         high = np.flatnonzero(beyond > PROTRUSIONS.cut_height)
         away = touch_distances(self.contacts, places[high])
         steep = beyond[high] > PROTRUSIONS.cut_height + PROTRUSIONS.cut_slope * away
-        kept = inside.copy()
-        kept[tuple(nodes[high[steep & (away < PROTRUSIONS.cut_distance)]].T)] = False
-        return kept
+        ripples = np.zeros_like(inside)
+        ripples[tuple(nodes[high[steep & (away < PROTRUSIONS.cut_distance)]].T)] = True
+        return ripples
 
     def _supported(self, inside: Bools, corner: Ints, step: float) -> Bools:
         """Without parts, and without hollows, at which nothing was touched."""

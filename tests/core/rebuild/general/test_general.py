@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import doctest
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import NamedTuple
@@ -15,7 +16,7 @@ from palpate.core.arrays import Floats
 from palpate.core.geometry import solidity
 from palpate.core.poses import Pose, rotations_from_vectors
 from palpate.core.rebuild.contours import ContactPoints
-from palpate.core.rebuild.general import GeneralSolid, oriented, rebuild_general
+from palpate.core.rebuild.general import GeneralSolid, oriented, protrusions, rebuild_general
 from palpate.core.rebuild.general.band import basis_rows, cell_integrals, make_band
 from palpate.core.rebuild.general.dissection import Longs, dissect, factorise
 from palpate.core.rebuild.general.fitting import Start, TouchedPoints, fit_implicit
@@ -119,6 +120,19 @@ def test_stated_errors_grow_with_distance_from_touch():
     assert (errors <= bounds).all() and errors[0] < 1e-3
     # Beyond the hull of what was touched, by all but a few millimetres.
     assert (errors[1:] > [0.005, 0.015]).all() and (errors < [0.001, 0.011, 0.021]).all()
+
+
+def test_ripples_over_all_that_was_touched_are_cut_off():
+    solid = torus()
+    top = solid.contacts.points[solid.contacts.points[:, 2].argmax()]
+    control = solid.fit.control.copy()
+    away = solid.fit.band.control * solid.cell + solid.origin - top
+    control[(np.linalg.norm(away[:, :2], axis=1) < 6e-3) & (away[:, 2] > -4e-3)] = -1.0
+    rippled = replace(solid, fit=replace(solid.fit, control=control))
+    spike = top + [[0.0, 0.0, 4.0e-3]]
+    assert rippled.evaluate(spike)[0] < 0.0 < solid.evaluate(spike)[0]  # the spline has one
+    mesh = rippled.plain_mesh(8)
+    assert 2e-3 < protrusions(solid.contacts.points, mesh.vertices).max() < 4.3e-3
 
 
 @pytest.mark.slow
