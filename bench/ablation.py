@@ -120,7 +120,7 @@ PARTS = (
         {
             "palpate.core.explore.probing:next_probe": _always(None),
             f"{_NODES}.rebuilding.fitting:touched_ends": _always(None),
-            f"{_REBUILD}.reconstruction:touched_end": _always(None),
+            f"{_REBUILD}.reconstruction:end_height": _always(None),
         },
     ),
     Part("pose offsets", {f"{_REBUILD}.side.radial:FEWEST_TOUCHES": lambda _: 10**9}, FAR_OFF),

@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike
 from palpate.core.arrays import Floats, finite_array, positive
 from palpate.core.poses import Pose
 from palpate.core.rebuild.contours import ContactPoints, Slices, into_frame, taxel_pitch
-from palpate.core.rebuild.ends import End, Shear, end_ways, levelled, on_end
+from palpate.core.rebuild.ends import End, Shear, end_fractions, levelled, on_end
 from palpate.core.rebuild.evidence import Evidence
 from palpate.core.rebuild.lattice import LatticeFit, LatticeSide, refine_lattice
 from palpate.core.rebuild.protocol import Closest, Solid, SolidMeasures
@@ -457,7 +457,7 @@ def _misfit(end: End, way: float, ring: Floats, contacts: ContactPoints) -> floa
     points = contacts.points[on_end(contacts, end.rim, way)]
     if not len(points):
         return 0.0
-    ways = end_ways(end, ring, points)[0]
+    ways = end_fractions(end, ring, points)[0]
     heights = end.rim + ways * (end.height - end.rim)
     if end.relief is not None:
         heights += ways * end.relief.at(points[:, :2])

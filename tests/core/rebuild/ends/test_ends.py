@@ -76,7 +76,7 @@ def test_touched_end_is_of_family_that_tells_last_contour(name, kind):
     for row, end in zip((0, -1), found, strict=True):
         levels = end.rim + (end.height - end.rim) * WAY[:-1]
         expected = mean_radius(name, levels) / mean_radius(name, heights[[row]])
-        off = np.abs(end.profile.shares(WAY[:-1]) - expected)
+        off = np.abs(end.profile.radius_ratios(WAY[:-1]) - expected)
         assert off.max() < {"sphere": 1e-6, "ellipsoid": 1e-6}.get(name, 0.02)
 
 
@@ -166,7 +166,7 @@ def test_profile_curves_run_from_rim_to_middle(name, gap):
         assert ends[1:, 0] == pytest.approx(ends[:-1, 1], abs=1e-12)
         height, radius = curves[0].at(WAY[:-1]).T
         wide = radius > 0.3  # Nearer to the middle a square end's height has no digits left
-        assert end.profile.shares(height)[wide] == pytest.approx(radius[wide], abs=1e-9)
+        assert end.profile.radius_ratios(height)[wide] == pytest.approx(radius[wide], abs=1e-9)
         at, step = np.linspace(0.01, 0.97, 25), 1e-5
         for curve, by in product(curves, (1, 2)):
             slopes = (curve.at(at + step, by - 1) - curve.at(at - step, by - 1)) / (2.0 * step)

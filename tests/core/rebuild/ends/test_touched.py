@@ -8,7 +8,7 @@ import pytest
 from palpate.core.arrays import Floats
 from palpate.core.rebuild import ends as caps
 from palpate.core.rebuild.contours import ContactPoints, stack_points
-from palpate.core.rebuild.ends import End, Shear, levelled, touched_end
+from palpate.core.rebuild.ends import End, Shear, levelled, end_height
 from palpate.core.rebuild.side import fit_axis_curve, fit_radial_spline
 from palpate.core.rebuild.surface import EndPatch, close_surface, sampled_patch
 from tests.core.rebuild.objects import assert_derivatives, at_height, circle, contacts, rms
@@ -73,14 +73,14 @@ def single(heights: list[float], way: float) -> ContactPoints:
 def test_height_of_touched_end(heights, pose, known, expected, way):
     touched = single(heights, way)
     given = None if known is None else way * known
-    found = touched_end(touched, way * 0.09, way, pose, given)
+    found = end_height(touched, way * 0.09, way, pose, given)
     assert found == (None if expected is None else pytest.approx(way * expected))
     assert caps.on_end(touched, way * 0.09, way).any() == (max(heights) > 0.09)
     for blind in (touched._replace(normals=None), single(heights, -way)._replace(
         points=touched.points
     )):  # fmt: skip
         assert not caps.on_end(blind, way * 0.09, way).any()
-        assert touched_end(blind, way * 0.09, way, pose, given) == given
+        assert end_height(blind, way * 0.09, way, pose, given) == given
 
 
 def domed(seed: int, count: int = 5, way: float = 1.0, bend: float = 1 / 0.2) -> ContactPoints:
@@ -96,10 +96,10 @@ def domed(seed: int, count: int = 5, way: float = 1.0, bend: float = 1 / 0.2) ->
 
 @pytest.mark.parametrize("bend", [1 / 0.2, 1 / 0.6])
 def test_pose_errors_of_dome_average_out(bend):
-    found = [touched_end(domed(seed, bend=bend), 0.09, 1.0, POSE, None) for seed in range(80)]
+    found = [end_height(domed(seed, bend=bend), 0.09, 1.0, POSE, None) for seed in range(80)]
     errors = np.array(found, np.float64) - 0.1
     assert abs(errors.mean()) < 0.2 * POSE
-    exact = touched_end(domed(-1, bend=bend), 0.09, 1.0, 1e-6, None)
+    exact = end_height(domed(-1, bend=bend), 0.09, 1.0, 1e-6, None)
     assert exact == pytest.approx(0.1, abs=1e-5)
     assert errors.std() < 0.6 * POSE  # Of the highest alone it is 0.67, and the mean is off by 1.2
 
@@ -119,8 +119,8 @@ def test_oblique_top_leans_as_its_touches_do(pose, noise):
     bottom = [touch(place, 0.0, SLOPES, -1.0) for place in PLACES]
     alike = sheared(stack_points([column(SLOPES, pose, noise), *bottom]), (None, None))
     assert alike.change == pytest.approx(NONE, abs=1e-12 + 3e3 * noise + pose)
-    assert caps.only_given(column(SLOPES), -1.0, 0.0) and caps.only_given(column(), 1.0, 0.081)
-    assert not (caps.only_given(column(), 1.0, 0.08) or caps.only_given(column(), -1.0, None))
+    assert caps.is_known_untouched(column(SLOPES), -1.0, 0.0) and caps.is_known_untouched(column(), 1.0, 0.081)
+    assert not (caps.is_known_untouched(column(), 1.0, 0.08) or caps.is_known_untouched(column(), -1.0, None))
     slight = caps.shear_between(column(0.03 * SLOPES, noise=noise), NONE, (0.0, None))
     assert slight is not None  # As small as taxels of little noise can tell
     if noise == pose == 0.0:
