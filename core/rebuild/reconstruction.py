@@ -48,13 +48,13 @@ from palpate.core.rebuild.side import (
     RadialSide,
     RadialSpline,
     Side,
-    bridged,
     coverage_of,
     fit_axis_curve,
     fit_shifted_spline,
     fit_side_spline,
     looks_inward,
     radial_side,
+    with_gaps_bridged,
     with_normals,
 )
 from palpate.core.rebuild.solid import LatticeSolid, Method, RebuildOptions
@@ -234,7 +234,7 @@ def _radial(
         seen = coverage_of(plain.rows.heights, plain.rows.places[:, 1])
         if len(plain.rows.heights) < FEWEST or seen is None:
             return None
-        spline, pose = fit_shifted_spline(contacts, bridged(contacts, plain), step)
+        spline, pose = fit_shifted_spline(contacts, with_gaps_bridged(contacts, plain), step)
     with step("ends"):
         bottom = end_height(contacts, first, -1.0, pose, bottom)
         top = end_height(contacts, last, 1.0, pose, top)

@@ -30,7 +30,7 @@ from palpate.core.rebuild.evidence import Evidence
 from palpate.core.rebuild.lattice import LatticeFit, LatticeSide, refine_lattice
 from palpate.core.rebuild.protocol import Closest, Solid, SolidMeasures
 from palpate.core.rebuild.recovery import Recovery
-from palpate.core.rebuild.side import POSE_LEFT, ContourLoft, Side, Uncertainty
+from palpate.core.rebuild.side import DEFAULT_ERROR_BOUND, ContourLoft, Side, Uncertainty
 from palpate.core.rebuild.surface import (
     DEFAULT_TOLERANCE,
     EndPatch,
@@ -432,7 +432,8 @@ def _of_end(
     untouched = widest_untouched(untouched, around, pitch)
     hidden = around * float(np.mean(2.0 * untouched * np.square(HIDES * untouched)))
     off = 0.0 if contacts is None or end.pointed else _misfit(end, way, ring, contacts)
-    level = (POSE_LEFT * side.scatter) ** 2 + max(off**2 - side.scatter**2, 0.0)
+    left = DEFAULT_ERROR_BOUND.min_pose_fraction * side.scatter
+    level = left**2 + max(off**2 - side.scatter**2, 0.0)
     level += 0.0 if end.relief is None else end.relief.deviation**2
     return hidden + area * level, 0.0
 

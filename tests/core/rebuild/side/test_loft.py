@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from palpate.core.arrays import Bools, Floats
-from palpate.core.rebuild.side import ContourLoft, fit_contour_loft, noise_of
+from palpate.core.rebuild.side import ContourLoft, contour_noise, fit_contour_loft
 from tests.core.rebuild.objects import assert_derivatives, circle, rms
 
 HEIGHT, POLE = 2.0, float(np.sqrt(1.04))
@@ -60,7 +60,7 @@ def test_noise_leaves_quarter_of_itself(sigma):
         loft = lofted(LEVELS, grid)
         found.append(rms(errors(loft)))
         assert loft.health.sigma == pytest.approx(sigma, rel=0.05)
-        assert noise_of(LEVELS, grid) == pytest.approx(sigma, rel=0.06)
+        assert contour_noise(LEVELS, grid) == pytest.approx(sigma, rel=0.06)
         assert loft.health.outlying == 0
     assert np.mean(found) < 0.27 * sigma
     heights = np.delete(LEVELS, 12)  # A missing contour costs little, and widens the band
