@@ -218,12 +218,13 @@ def _best(
     settings: ContourFitSettings,
 ) -> ContourFit:
     """The fit with the least prediction error."""
-    fits = [fit_axial_parameter(rows, one, noise, caution, settings) for one in candidates]
+    how = noise, caution, settings
+    fits = [fit_axial_parameter(rows, candidate, *how) for candidate in candidates]
     return min(fits, key=_prediction_error)
 
 
 def _prediction_error(fit: ContourFit) -> float:
-    """Error of the inner rows' prediction by the others: a mean of roots, which bears steps."""
+    """Error of the inner rows' prediction by the others: a mean of roots, robust to steps."""
     inner = fit.smoothed.missed[1:-1]
     return float(np.sqrt(inner).mean()) if len(inner) else fit.smoothed.score
 

@@ -74,7 +74,7 @@ def fit_shifted_spline(
 
 
 def stiffened(spline: RadialSpline, settings: ShiftSettings) -> RadialSpline:
-    """The spline with the best score among stiffer ones, the first that is not better ends it."""
+    """The spline, stiffer by as many steps as each improve its score."""
     for _ in range(settings.max_stiffenings):
         stiffer = spline.stiffer(settings.stiffening)
         if not stiffer.score < spline.score:

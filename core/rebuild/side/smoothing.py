@@ -187,8 +187,7 @@ def smooth(
     count = lines[0] * lines[1]
     spare += count - parts[0].size
     if noise is None:
-        sparing = spare - (caution - 1.0) * (count - spare)
-        scores = squares / np.square(np.maximum(sparing, settings.min_spare * spare))
+        scores = squares / np.square(_cautious(spare, count, caution, settings.min_spare))
     else:
         scores = squares / len(parts) - 2.0 * noise**2 * spare
     best = np.unravel_index(np.argmin(scores), scores.shape)
@@ -196,16 +195,22 @@ def smooth(
     kept = along.modes.kept(np.array(strengths[:1])).T * around.modes.kept(np.array(strengths[1:]))
     left = float(spare[best])
     return Smoothed(
-        along=along,
-        around=around,
-        parts=parts,
-        kept=kept,
-        strengths=strengths,
+        along,
+        around,
+        parts,
+        kept,
+        strengths,
         spare=left,
         freedom=count - left,
         sigma=float(np.sqrt(squares[best] / (len(parts) * left))),
         score=float(scores[best]),
     )
+
+
+def _cautious(spare: Floats, count: int, caution: float, min_spare: float) -> Floats:
+    """Freedom left of `count` values, if each degree that is spent counts as `caution` does."""
+    left = spare - (caution - 1.0) * (count - spare)
+    return np.asarray(np.maximum(left, min_spare * spare))
 
 
 def _trials(along: SmoothingAxis, around: SmoothingAxis, squares: Floats) -> tuple[Floats, Floats]:
