@@ -35,7 +35,6 @@ class EndContactSettings:
     max_quadric_ratio: float = 1.4
     max_flattest_ratio: float = 2.0
     min_width_ratio: float = 0.1  # of a touch's narrow to its mean width, to measure a slope
-    max_level_angle: float = math.radians(0.5)  # [rad] of a level touch's plane
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -29,7 +29,6 @@ class ReliefSettings:
     """
 
     degree: int = 4  # of the polynomial
-    n_fractions: int = 65  # fractions of the height to the end at which a profile is sampled
     min_face_fraction: float = 0.9  # of that height; taxels beyond it lie on the face
     inner_radius: float = 0.7  # fraction of the rim's radius
     min_touches: int = 3  # on the face within that radius
@@ -61,7 +60,7 @@ def with_relief(
     if end.pointed or end.height == end.rim or not points_on.any():
         return end
     points, touch = contacts.points[points_on], contacts.touch[points_on]
-    fractions, radii = end_fractions(end, row, points, settings)
+    fractions, radii = end_fractions(end, row, points)
     face = fractions > settings.min_face_fraction
     if len(np.unique(touch[face & (radii < settings.inner_radius)])) < settings.min_touches:
         return end
@@ -113,11 +112,12 @@ def _noise(
 
 
 def end_fractions(
-    end: End, row: Floats, points: Floats, settings: ReliefSettings = ReliefSettings()
+    end: End, row: Floats, points: Floats, n_fractions: int = 65
 ) -> tuple[Floats, Floats]:
     """Fractions (n,) of the height to an end at which places (n, 3) lie on its profile.
 
-    And their distances (n,) from its axis over those of the last row (k, 2).
+    And their distances (n,) from its axis over those of the last row (k, 2). The profile is
+    inverted by interpolation between `n_fractions` places.
     """
     centre = area_centroid(row)
     rim = row - centre
@@ -127,7 +127,7 @@ def end_fractions(
     order = np.argsort(angles)
     azimuth, radii = np.arctan2(away[:, 1], away[:, 0]), np.hypot(*rim[order].T)
     ratios = np.hypot(*away.T) / np.interp(azimuth, angles[order], radii, period=2.0 * np.pi)
-    fractions = np.linspace(0.0, 1.0, settings.n_fractions)
+    fractions = np.linspace(0.0, 1.0, n_fractions)
     falling = np.minimum.accumulate(end.profile.radius_ratios(fractions))
     return np.interp(-ratios, -falling, fractions, right=1.0), ratios
 

@@ -8,6 +8,7 @@ edge.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -26,6 +27,7 @@ class EndHeightSettings:
     """How the height of an end is estimated from its touches."""
 
     contacts: EndContactSettings = field(default_factory=EndContactSettings)
+    max_level_angle: float = math.radians(0.5)  # [rad] of the plane of a level touch
     min_touches: int = 3  # on a level face or a dome, for its height to be theirs
     max_sigmas: float = 3.0  # standard deviations of a touch's height below the mean of higher ones
     max_level_sigmas: float = 4.0  # the same of level touches, which scatter but do not fall away
@@ -114,7 +116,7 @@ def _touched_heights(
         for contact in end_contacts_of(contacts, sign, settings.contacts)
         if contact.kind != "edge" and np.isfinite(heights[contact.touch])
     ]
-    is_level = [one.is_level(settings.contacts.max_level_angle) for one in end_contacts]
+    is_level = [contact.is_level(settings.max_level_angle) for contact in end_contacts]
     pairs = list(zip(end_contacts, is_level, strict=True))
     level = [sign * float(contact.center[2]) for contact, flag in pairs if flag]
     tilted = [float(heights[contact.touch]) for contact, flag in pairs if not flag]
