@@ -28,6 +28,7 @@ from palpate.bench.rebuilt import REBUILT_SHAPES, SHAPE_HEIGHT, truth_of
 from palpate.bench.table import Figure, Row, at_most, figure_of
 from palpate.core.arrays import Bools, Floats
 from palpate.core.rebuild import reconstruct
+from palpate.core.rebuild.side import ShiftSettings
 from palpate.core.shapes import Mesh
 from palpate.core.touch import Pad, Patch, fit_jet
 from palpate.tools.reconstruction import single_threaded
@@ -98,6 +99,7 @@ TAXELS = Part(
 )
 _robust = {f"{_TOUCH}.{room}:fit_robust_jet": _plain for room in ("filters", "edges")}
 _whole_pad = _then(lambda one: one._replace(touched=one.touched | one.touched.any()))
+_no_shifts = ShiftSettings(min_touches=10**9)
 _none_bad = _then(lambda one: one._replace(bad=one.bad & False, off=0.0 * one.off))
 PARTS = (
     Part("filter", {_CLEAN: _with(order="none")}, SALT),
@@ -110,7 +112,7 @@ PARTS = (
         "cross-validation",
         {
             f"{_REBUILD}.side.fitting:smooth": _with(noise=0.0),
-            f"{_REBUILD}.side.radial:stiffened": lambda _: lambda spline: spline,
+            f"{_REBUILD}.side.shifts:stiffened": lambda _: lambda spline, _settings: spline,
         },
         ROUGH,
     ),
@@ -120,10 +122,14 @@ PARTS = (
         {
             "palpate.core.explore.probing:next_probe": _always(None),
             f"{_NODES}.rebuilding.fitting:touched_ends": _always(None),
-            f"{_REBUILD}.reconstruction:touched_end": _always(None),
+            f"{_REBUILD}.reconstruction:end_height": _always(None),
         },
     ),
-    Part("pose offsets", {f"{_REBUILD}.side.radial:FEWEST_TOUCHES": lambda _: 10**9}, FAR_OFF),
+    Part(
+        "pose offsets",
+        {f"{_REBUILD}.reconstruction:fit_shifted_spline": _with(settings=_no_shifts)},
+        FAR_OFF,
+    ),
     Part("predicted planner, not even slices", {}, uniform=True),
 )
 

@@ -15,7 +15,7 @@ from palpate.core.geometry import area_centroids
 from palpate.core.rebuild.contours import are_star_shaped, drop_reasons
 from palpate.core.rebuild.ends import End, close_ends
 from palpate.core.rebuild.evidence import Evidence
-from palpate.core.rebuild.side import ContourLoft, LoftPatch, fit_contour_loft, noise_of
+from palpate.core.rebuild.side import ContourLoft, LoftPatch, contour_noise, fit_contour_loft
 from palpate.core.steps import Steps
 
 POINT = 1e-9  # Of the widest contour: one that is narrower is a point
@@ -49,7 +49,7 @@ def lofted_side(evidence: Evidence, step: Steps) -> tuple[ContourLoft, tuple[End
     with step("cross-validation"):  # it smooths the loft, too
         known = evidence.noise  # An end can be told from contours only as far as their noise allows
         if known is None:
-            known = noise_of(heights, grid) if len(heights) > 1 else 0.0
+            known = contour_noise(heights, grid) if len(heights) > 1 else 0.0
         with step("ends"):
             ends = close_ends(heights, grid, bottom=bottom, top=top, noise=known)
         return _between_ends(heights, grid, ends, evidence.noise)

@@ -33,10 +33,10 @@ from palpate.core.rebuild.ends import (
     End,
     Shear,
     end_from_contacts,
+    end_height,
+    is_known_untouched,
     on_end,
-    only_given,
     shear_between,
-    touched_end,
     with_relief,
 )
 from palpate.core.rebuild.evidence import Evidence, gather_curves
@@ -48,13 +48,13 @@ from palpate.core.rebuild.side import (
     RadialSide,
     RadialSpline,
     Side,
-    bridged,
     coverage_of,
     fit_axis_curve,
     fit_shifted_spline,
     fit_side_spline,
     looks_inward,
     radial_side,
+    with_gaps_bridged,
     with_normals,
 )
 from palpate.core.rebuild.solid import LatticeSolid, Method, RebuildOptions
@@ -219,8 +219,8 @@ def _radial(
         shear = shear_between(contacts, levels[:, :2].mean(axis=0), (bottom, top))
     if shear is not None:
         # Other ends were touched by taxels, which say where they are in the straight space.
-        bottom = bottom if only_given(contacts, -1.0, bottom) else None
-        top = top if only_given(contacts, 1.0, top) else None
+        bottom = bottom if is_known_untouched(contacts, -1.0, bottom) else None
+        top = top if is_known_untouched(contacts, 1.0, top) else None
         contacts, levels = shear.levelled_contacts(contacts), shear.levelled(levels)
         axis_curve = fit_axis_curve(levels[:, 2], levels[:, :2])
     # All contact points lie between them, but for what seems to lie beyond an end that is known
@@ -234,10 +234,10 @@ def _radial(
         seen = coverage_of(plain.rows.heights, plain.rows.places[:, 1])
         if len(plain.rows.heights) < FEWEST or seen is None:
             return None
-        spline, pose = fit_shifted_spline(contacts, bridged(contacts, plain), step)
+        spline, pose = fit_shifted_spline(contacts, with_gaps_bridged(contacts, plain), step)
     with step("ends"):
-        bottom = touched_end(contacts, first, -1.0, pose, bottom)
-        top = touched_end(contacts, last, 1.0, pose, top)
+        bottom = end_height(contacts, first, -1.0, pose, bottom)
+        top = end_height(contacts, last, 1.0, pose, top)
         bottom = None if bottom is None else min(bottom, first)
         top = None if top is None else max(top, last)
         reach, stretched = _reach(spline, seen, (first, last), (bottom, top))

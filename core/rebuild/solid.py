@@ -25,12 +25,12 @@ from numpy.typing import ArrayLike
 from palpate.core.arrays import Floats, finite_array, positive
 from palpate.core.poses import Pose
 from palpate.core.rebuild.contours import ContactPoints, Slices, into_frame, taxel_pitch
-from palpate.core.rebuild.ends import End, Shear, end_ways, levelled, on_end
+from palpate.core.rebuild.ends import End, Shear, end_fractions, levelled, on_end
 from palpate.core.rebuild.evidence import Evidence
 from palpate.core.rebuild.lattice import LatticeFit, LatticeSide, refine_lattice
 from palpate.core.rebuild.protocol import Closest, Solid, SolidMeasures
 from palpate.core.rebuild.recovery import Recovery
-from palpate.core.rebuild.side import POSE_LEFT, ContourLoft, Side, Uncertainty
+from palpate.core.rebuild.side import DEFAULT_ERROR_BOUND, ContourLoft, Side, Uncertainty
 from palpate.core.rebuild.surface import (
     DEFAULT_TOLERANCE,
     EndPatch,
@@ -432,7 +432,8 @@ def _of_end(
     untouched = widest_untouched(untouched, around, pitch)
     hidden = around * float(np.mean(2.0 * untouched * np.square(HIDES * untouched)))
     off = 0.0 if contacts is None or end.pointed else _misfit(end, way, ring, contacts)
-    level = (POSE_LEFT * side.scatter) ** 2 + max(off**2 - side.scatter**2, 0.0)
+    left = DEFAULT_ERROR_BOUND.min_pose_fraction * side.scatter
+    level = left**2 + max(off**2 - side.scatter**2, 0.0)
     level += 0.0 if end.relief is None else end.relief.deviation**2
     return hidden + area * level, 0.0
 
@@ -457,7 +458,7 @@ def _misfit(end: End, way: float, ring: Floats, contacts: ContactPoints) -> floa
     points = contacts.points[on_end(contacts, end.rim, way)]
     if not len(points):
         return 0.0
-    ways = end_ways(end, ring, points)[0]
+    ways = end_fractions(end, ring, points)[0]
     heights = end.rim + ways * (end.height - end.rim)
     if end.relief is not None:
         heights += ways * end.relief.at(points[:, :2])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,8 @@ import pytest
 from palpate.core.archive import arrays_from_bytes, tree_from_arrays
 from palpate.core.arrays import Floats
 from palpate.core.poses import FACING_DOWN, IDENTITY_POSE, Pose
-from palpate.core.rebuild.side import radial
+from palpate.core.rebuild import reconstruction
+from palpate.core.rebuild.side import DetailSettings, fit_side_spline
 from palpate.core.steps import no_steps
 from palpate.messages import encode, types
 from palpate.messages.types import ContourGoal, GraspContacts, ShapeModel, SpaceMap, Superquadric
@@ -269,7 +270,9 @@ def test_where_no_solid_is_sound_the_one_before_stands():
 @pytest.mark.slow
 @pytest.mark.parametrize("bound", [1e-9, 1e-3])
 def test_final_solid_off_its_draft_by_more_than_the_bound_is_rejected(bound: float, monkeypatch):
-    monkeypatch.setattr(radial, "LESS", np.inf)  # The final solid takes what a draft has no need of
+    # The final solid has all coefficients around, its draft has few.
+    whole = partial(fit_side_spline, settings=DetailSettings(max_ratio=np.inf))
+    monkeypatch.setattr(reconstruction, "fit_side_spline", whole)
     last = done(3, [1, 0, 2], [3, 4], rms_bound_95=bound)
     final = promised([*tilted()[:-1], last])[-2].make(no_steps)
     assert [("whose error bound is" in one) for one in final.rejected] == [True] * (bound < 1e-6)

@@ -1,13 +1,21 @@
-"""How a solid goes on beyond its first and last contours.
+"""Ends of a solid beyond its first and last contours.
 
-Profile families and their choice, what touches say of an end, reliefs of faces, sheared ends.
-Families may be added in `profiles` and offered in `closing`; thresholds are shares of a radius or
-deviations. It rests on contact points and the radial spline, told where slices are level.
+Profile families and the choice among them, heights and middles of touched ends, sheared ends, and
+reliefs of faces. A new family goes into `profiles`, and into the tables of `closing`. It rests on
+contact points and on the radial spline.
 """
 
 from palpate.core.rebuild.ends.closing import (
+    ClosingSettings as ClosingSettings,
     End as End,
     close_ends as close_ends,
+)
+from palpate.core.rebuild.ends.planes import (
+    EndPlaneSettings as EndPlaneSettings,
+    Shear as Shear,
+    is_known_untouched as is_known_untouched,
+    levelled as levelled,
+    shear_between as shear_between,
 )
 from palpate.core.rebuild.ends.profiles import (
     ProfileCurve as ProfileCurve,
@@ -16,15 +24,14 @@ from palpate.core.rebuild.ends.profiles import (
     profile_curves as profile_curves,
 )
 from palpate.core.rebuild.ends.relief import (
-    end_ways as end_ways,
+    ReliefSettings as ReliefSettings,
+    end_fractions as end_fractions,
     with_relief as with_relief,
 )
 from palpate.core.rebuild.ends.touched import (
-    Shear as Shear,
+    EndHeightSettings as EndHeightSettings,
+    TouchedEndSettings as TouchedEndSettings,
     end_from_contacts as end_from_contacts,
-    levelled as levelled,
+    end_height as end_height,
     on_end as on_end,
-    only_given as only_given,
-    shear_between as shear_between,
-    touched_end as touched_end,
 )

@@ -1,17 +1,16 @@
-"""How a solid goes on beyond its first and last contours, and what cannot be known of it.
+"""Ends of a solid beyond its first and last contours, and what remains unknown of them.
 
-An end of known height belongs to the family that would have told the last contour: that is left
-out, and each family predicts its radius from the others. An end that nobody touched closes where
-the squared radii of the last contours, a quadratic of the height for every quadric, become zero,
-or where a superellipse of unknown height does; contours of a cylinder tell nothing of it.
+An end of known height belongs to the family that predicts the last contour best: that is left out,
+and each family predicts its radius from the others. An end that was not touched closes where the
+squared radii of the last contours, a quadratic of the height for every quadric, become zero, or
+where a superellipse of unknown height does. Contours of a cylinder determine neither.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -20,11 +19,11 @@ from palpate.core.arrays import Floats, finite_array
 from palpate.core.geometry import area_centroids
 from palpate.core.rebuild.contours import are_nearly_star_shaped
 from palpate.core.rebuild.ends.profiles import (
-    ROWS,
-    SHOULDER_CONTOURS,
+    N_TREND_CONTOURS,
     EdgeSamples,
     Flat,
     Profile,
+    ProfileSettings,
     Relief,
     Trend,
     conic,
@@ -37,70 +36,96 @@ from palpate.core.rebuild.ends.profiles import (
 )
 
 EndKind = Literal["flat", "conic", "superellipse", "flared", "rounded", "pole", "fan"]
-LEAN_CONTOURS = 3  # Contours whose middles tell which way the axis leans
-LEAST_GAP = 1e-6  # Of the contours' range: an end that lies nearer to the last contour lies on it
-FEWEST = 12  # With fewer contours they lie too far apart for a test by the last one
-SLACK = 0.004  # Of the largest radius: within this the plainest family is taken
-NOISES = 2.0  # The same in standard deviations of a mean radius
-# Contours that are left out for the test, at least and at most: of contours, and of dense ones,
-# where it is those that lie the end's own way before the last.
-LEFT_OUT = (1, 1), (5, 8)
-STANDS = 0.5  # Squared radius, as a share of the last contour's, that is carried on to a flat end
 ProfileKind = Literal["flat", "conic", "superellipse", "flared", "rounded"]
-Family = Callable[[Floats, Floats, float], Profile]
+Family = Callable[[Floats, Floats, float, ProfileSettings], Profile]
 # The plainest first.
 FAMILIES: dict[ProfileKind, Family] = {"flat": flat, "conic": conic, "superellipse": superellipse}
-# Those for contours so close together that they show how a leaning wall is rounded.
-DENSE: dict[ProfileKind, Family] = {"flat": flat, "conic": conic, "flared": flared}
-# Families that end level, as a wall does that an arc rounds off.
-LEVEL: tuple[ProfileKind, ProfileKind] = "flat", "flared"
-# By how much better either must be than a sharp edge where that tells the last row; else an arc
-# than a superellipse, which looks like one, and how well it must then follow the rows, as a share
-# of the radius.
-BY_FAR, CLEARLY, CLOSELY = 0.2, 0.5, 8e-4
-TOGETHER = 3.5  # Rows err together, by so many standard deviations of a mean radius
-DENSE_SLACK = 5e-4  # As `SLACK`, for those
-POLE_FEWEST = 4  # Contours: three for the quadratic, one to test it
-POLE_MISS = 0.03  # Of the squared radius: most that the fourth contour may be missed by
-POLE_NOISES = 4.0  # The same in standard deviations of its mean radius, as a share of it
-FARTHEST = 2.0  # Spacings of the last contours: most that the pole may lie beyond them
-# Squared radius of the last contour, as a share of the fourth's: a pole or an end is near only if
-# the contours have begun to narrow.
-NARROWED = 0.75
-NEARLY_REAL = 0.15  # Imaginary over real part of a root that noise has lifted off the axis
-SHOULDER_FEWEST = 12  # Contours: with fewer they lie too far apart to show how an edge is rounded
-WAYS = np.geomspace(0.02, 1.0, 48)  # Heights over the last contour that are tried, in spacings
-SHOULDER_MISS = 0.004  # Of the largest radius: what the contours may be missed by
-SHOULDER_NOISES = 2.0  # The same in standard deviations of a mean radius
+# Of rows so close together that they show how a leaning wall is rounded.
+DENSE_FAMILIES: dict[ProfileKind, Family] = {"flat": flat, "conic": conic, "flared": flared}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class UntouchedEndSettings:
+    """When contours alone determine where an end closes, in a pole or in a shoulder."""
+
+    max_pole_misfit: float = 0.03  # fraction of the squared radius that tests the quadratic
+    pole_sigmas: float = 4.0  # standard deviations of that radius, in addition
+    max_pole_distance: float = 2.0  # [spacings of the last contours] beyond the last contour
+    # Squared radius of the last contour over that of the fourth from it: an end is near only if
+    # the contours have begun to narrow.
+    max_narrowing: float = 0.75
+    # Imaginary over real part of a root: noise makes a double root complex.
+    max_imaginary_ratio: float = 0.15
+    min_shoulder_contours: int = 12  # fewer lie too far apart to show how an edge is rounded
+    min_shoulder_height: float = 0.02  # [spacings] over the last contour
+    max_shoulder_height: float = 1.0  # [spacings]
+    n_shoulder_heights: int = 48  # heights that are tried
+    max_shoulder_misfit: float = 0.004  # fraction of the largest radius
+    shoulder_sigmas: float = 2.0  # standard deviations of a mean radius, in addition
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FamilySettings:
+    """How the profile family of an end of known height is chosen.
+
+    Each family predicts contours that are left out. The plainest family whose error exceeds the
+    least by no more than a slack is taken. An arc or a flared shoulder replaces a sharp edge that
+    predicts the contours only if it follows the last rows much better.
+    """
+
+    min_contours: int = 12  # fewer lie too far apart for a prediction of the last one
+    min_flat_square: float = 0.5  # extrapolated squared radius at a flat end, over the last one
+    slack: float = 0.004  # fraction of the largest radius
+    dense_slack: float = 5e-4  # the same of dense rows
+    slack_sigmas: float = 2.0  # standard deviations of a mean radius; the larger slack counts
+    # Least and most contours that are left out. Between these, dense rows are left out as far from
+    # the last one as that lies from the end.
+    n_left_out: tuple[int, int] = (1, 1)
+    n_dense_left_out: tuple[int, int] = (5, 8)
+    max_edge_ratio: float = 0.2  # misfit of a shoulder or an arc, over that of a sharp edge
+    max_shoulder_ratio: float = 0.5  # misfit of an arc, over that of a shoulder, which is similar
+    max_arc_misfit: float = 8e-4  # fraction of the last radius
+    arc_sigmas: float = 3.5  # standard deviations of a mean radius, in addition; rows err together
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ClosingSettings:
+    """How a stack of contours is closed; tuned on the shipped scenes with 5 and 9 contours."""
+
+    min_gap: float = 1e-6  # fraction of the contours' range, of an end from the last contour
+    n_axis_contours: int = 3  # contours whose middles determine the direction of the axis
+    untouched: UntouchedEndSettings = UntouchedEndSettings()
+    family: FamilySettings = FamilySettings()
+    profile: ProfileSettings = field(default_factory=ProfileSettings)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class End:
     """One end of a solid, in the unit of the contours."""
 
-    # flat: a wall and a level disc; conic, pole: closes in a point as a conic does, at the height
-    # that was touched or at the one that the contours tell; superellipse: a shoulder; flared: a
-    # shoulder on a wall that leans; rounded: a wall, an arc and a level disc; fan: a level disc on
-    # the last contour, for want of knowledge.
+    # flat: a wall and a level disc; conic, pole: closes in a point as a conic does, at a touched
+    # height or at one that the contours determine; superellipse: a shoulder; flared: a shoulder on
+    # a wall that leans; rounded: a wall, an arc and a level disc; fan: a level disc on the last
+    # contour, where nothing determines the end.
     kind: EndKind
-    rim: float  # Height of the last contour
-    height: float  # Height at which the solid ends; the rim's for a fan
-    # The solid may go on by up to this much, and nobody can know: one spacing of the contours for a
-    # fan, as much as the end lies beyond them for a superellipse that nobody touched, else 0.
+    rim: float  # height of the last contour
+    height: float  # height at which the solid ends; the rim's for a fan
+    # Length by which the solid may continue unseen: one spacing of the contours for a fan, the
+    # distance of the end from the contours for an untouched superellipse, else 0.
     uncovered: float
-    profile: Profile  # Radius over the last contour's, by the share of the way from rim to height
-    middle: Floats  # Place of the axis at `height`, (2,)
-    # Whether the last contour is seen whole from its middle; where it is not, an end that is drawn
-    # from the rim to the middle folds over itself.
+    profile: Profile  # of the radius from `rim` to `height`
+    middle: Floats  # of the axis at `height`, (2,)
+    # Whether the last contour is star-shaped about its middle; an end that is drawn from another
+    # rim to the middle folds over itself.
     starlike: bool
-    # Whether it is a piece of its own though it closes in a point: what closes a radial side, or
-    # where a loft would have run through its own axis on the way there.
+    # Whether an end that closes in a point is a piece of its own: of a radial side, or where a loft
+    # up to that point crosses its own axis.
     apart: bool = False
-    relief: Relief | None = None  # What it rises over its profile, if its face is not level
+    relief: Relief | None = None  # height of its face over the profile, if that is not level
 
     @property
     def unseen(self) -> float:
-        """How high it is: no contour has seen it."""
+        """Height over the last contour."""
         return abs(self.height - self.rim)
 
     @property
@@ -110,7 +135,7 @@ class End:
 
     @property
     def round(self) -> bool:
-        """Whether the side itself should run on to a point at `height` and `middle`."""
+        """Whether the side itself continues to a point at `height` and `middle`."""
         return self.pointed and not self.apart
 
 
@@ -121,16 +146,19 @@ def close_ends(
     bottom: float | None = None,
     top: float | None = None,
     noise: float = 0.0,
+    settings: ClosingSettings = ClosingSettings(),
 ) -> tuple[End, End]:
-    """Both ends of a stack of contours, below and above.
+    """Lower and upper end of a stack of contours.
 
-    They run counter-clockwise at ascending heights (m,), grid (m, k, 2); `noise` is the standard
-    deviation of a point, in the same unit. `bottom` and `top` are heights at which a touch found
-    the ends, left out where nobody touched. Raises ValueError if the contours are not like that or
-    have no width, an end lies inside them by more than a spacing, or `noise` is negative.
+    Contours run counter-clockwise at ascending heights (m,), grid (m, k, 2); `noise` is the
+    standard deviation of a point, in the same unit. `bottom` and `top` are the touched heights of
+    the ends, None where there was no touch. Raises ValueError if the arrays do not fit or are not
+    finite, heights do not ascend, a contour has no width, an end lies inside the contours by more
+    than a spacing, or `noise` is negative.
     """
-    down, up = (_stack(heights, grid, noise, upper=upper) for upper in (False, True))
-    return _end("bottom", down, bottom, False, None), _end("top", up, top, False, None)
+    down, up = (_stack(heights, grid, noise, settings, upper=upper) for upper in (False, True))
+    lower = _end("bottom", down, bottom, settings)
+    return lower, _end("top", up, top, settings)
 
 
 def close_rows(
@@ -138,21 +166,24 @@ def close_rows(
     grid: Floats,
     touched: float | None,
     noise: float,
-    beyond: EdgeSamples | None,
+    samples: EdgeSamples | None,
     *,
     upper: bool,
+    settings: ClosingSettings = ClosingSettings(),
 ) -> End:
-    """The upper or lower end of rows of a surface, however close together: see `close_ends`.
+    """Upper or lower end of dense rows of a surface: see `close_ends`.
 
-    It was touched at a height, and `beyond` says what was touched between the last row and that.
-    One that closes in a point is a piece of its own.
+    `touched` is the end's height; `samples` are what was touched between the last row and that. An
+    end that closes in a point is a piece of its own.
     """
-    stack = _stack(heights, grid, noise, upper=upper)
-    end = _end("top" if upper else "bottom", stack, touched, True, beyond)
+    stack = _stack(heights, grid, noise, settings, upper=upper)
+    end = _end("top" if upper else "bottom", stack, touched, settings, dense=True, samples=samples)
     return replace(end, apart=end.pointed)
 
 
-def _stack(heights: Floats, grid: Floats, noise: float, *, upper: bool) -> _Stack:
+def _stack(
+    heights: Floats, grid: Floats, noise: float, settings: ClosingSettings, *, upper: bool
+) -> _Stack:
     heights = finite_array("heights", heights, (None,))
     grid = finite_array("grid", grid, (len(heights), None, 2))
     if not len(heights) or not (np.diff(heights) > 0.0).all():
@@ -165,180 +196,212 @@ def _stack(heights: Floats, grid: Floats, noise: float, *, upper: bool) -> _Stac
         raise ValueError(f"contours must have a width, got radius 0 in {int((radii <= 0).sum())}")
     scatter = noise / np.sqrt(grid.shape[1])
     last = [-1 if upper else 0]
-    whole = bool(are_nearly_star_shaped(grid[last] - middles[last, None])[0])
+    starlike = bool(are_nearly_star_shaped(grid[last] - middles[last, None])[0])
+    n_axis = settings.n_axis_contours
     if upper:
-        return _Stack(heights, radii, middles, scatter, 1.0, whole)
-    return _Stack(-heights[::-1], radii[::-1], middles[::-1], scatter, -1.0, whole)
+        return _Stack(heights, radii, middles, scatter, 1.0, starlike, n_axis)
+    return _Stack(-heights[::-1], radii[::-1], middles[::-1], scatter, -1.0, starlike, n_axis)
 
 
 def _end(
-    name: str, stack: _Stack, touched: float | None, dense: bool, beyond: EdgeSamples | None
+    name: str,
+    stack: _Stack,
+    touched: float | None,
+    settings: ClosingSettings,
+    *,
+    dense: bool = False,
+    samples: EdgeSamples | None = None,
 ) -> End:
     last = float(stack.depths[-1])
     if touched is None:
-        rows = stack.depths, stack.radii
-        if (ahead := free_pole(*rows, stack.scatter)) is not None:
-            return stack.end("pole", last + ahead, conic(*rows, last + ahead))
-        if (ahead := free_shoulder(*rows, stack.scatter)) is not None:
-            profile = superellipse(*rows, last + ahead)
-            return stack.end("superellipse", last + ahead, profile, ahead)
-        return stack.end("fan", last, Flat(0.0), stack.spacing)
+        return _untouched_end(stack, settings)
     depth = stack.sign * float(finite_array(name, touched, ()))
     if depth < last - stack.spacing:
         raise ValueError(
             f"{name} must not lie within the contours, "
             f"got {touched:g} where the last is at {stack.sign * last:g}"
         )
-    if depth - last <= LEAST_GAP * max(last - float(stack.depths[0]), stack.spacing):
+    if depth - last <= settings.min_gap * max(last - float(stack.depths[0]), stack.spacing):
         return stack.end("flat", last, Flat(0.0))
-    kind, profile, _ = choose_profile(
-        stack.depths, stack.radii, depth, stack.scatter, dense=dense, beyond=beyond
-    )
+    kind, profile = _chosen_profile(stack, depth, dense, samples, settings)
     return stack.end(kind, depth, profile)
 
 
-def free_pole(depths: Floats, radii: Floats, scatter: float) -> float | None:
-    """How far beyond the last contour the solid closes; None where nobody can know.
+def _untouched_end(stack: _Stack, settings: ClosingSettings) -> End:
+    """A pole or a shoulder where the contours determine one, else a level disc on the last."""
+    rows, last = (stack.depths, stack.radii), float(stack.depths[-1])
+    distance = free_pole(*rows, stack.scatter, settings.untouched)
+    if distance is not None:
+        end = last + distance
+        return stack.end("pole", end, conic(*rows, end, settings.profile))
+    distance = free_shoulder(*rows, stack.scatter, settings)
+    if distance is not None:
+        end = last + distance
+        profile = superellipse(*rows, end, settings.profile)
+        return stack.end("superellipse", end, profile, uncovered=distance)
+    return stack.end("fan", last, Flat(0.0), uncovered=stack.spacing)
 
-    By ascending outward coordinates (n,), mean radii there, and the deviation `scatter` of these.
+
+def free_pole(
+    depths: Floats, radii: Floats, scatter: float, settings: UntouchedEndSettings
+) -> float | None:
+    """Distance of a pole beyond the last contour; None where the contours do not determine it.
+
+    By ascending outward coordinates (n,), mean radii (n,) there, and the standard deviation
+    `scatter` of these. Three contours determine a quadratic, and a fourth tests it.
     """
-    if len(depths) < POLE_FEWEST:
+    if len(depths) <= N_TREND_CONTOURS:
         return None
-    trend = trend_of(depths, radii)
-    fourth = float(radii[-POLE_FEWEST]) ** 2
-    miss = abs(trend.at(float(depths[-POLE_FEWEST] - depths[-1])) - fourth) / fourth
-    told = miss < POLE_MISS + POLE_NOISES * scatter / float(radii[-POLE_FEWEST])
-    narrows = trend.slope < 0.0 and trend.square < NARROWED * fourth
-    pole = _first_root(trend)
-    near = pole < FARTHEST * float(depths[-1] - depths[-2])
-    return pole if told and narrows and near else None
+    trend, fourth = trend_of(depths, radii), -1 - N_TREND_CONTOURS
+    square = float(radii[fourth]) ** 2
+    misfit = abs(trend.at(float(depths[fourth] - depths[-1])) - square) / square
+    allowed = settings.max_pole_misfit + settings.pole_sigmas * scatter / float(radii[fourth])
+    narrows = trend.slope < 0.0 and trend.square < settings.max_narrowing * square
+    pole = _first_root(trend, settings.max_imaginary_ratio)
+    is_near = pole < settings.max_pole_distance * float(depths[-1] - depths[-2])
+    return pole if misfit < allowed and narrows and is_near else None
 
 
-def _first_root(trend: Trend) -> float:
+def _first_root(trend: Trend, max_imaginary_ratio: float) -> float:
     """The nearest positive root, or the real part of one that is nearly real; else infinity."""
     half, square = -0.5 * trend.slope, trend.square
-    inside = half * half - trend.bend * square
-    if inside >= 0.0:
+    discriminant = half * half - trend.bend * square
+    if discriminant >= 0.0:
         # Of both forms the one without cancellation; both roots are positive or one is.
-        larger = half + math.copysign(math.sqrt(inside), half)
+        larger = half + math.copysign(math.sqrt(discriminant), half)
         roots = [square / larger if larger else math.inf]
         roots.append(larger / trend.bend if trend.bend else math.inf)
         return min((root for root in roots if root > 0.0), default=math.inf)
     real = half / trend.bend
-    imaginary = math.sqrt(-inside) / abs(trend.bend)
-    return real if real > 0.0 and imaginary < NEARLY_REAL * real else math.inf
+    imaginary = math.sqrt(-discriminant) / abs(trend.bend)
+    return real if real > 0.0 and imaginary < max_imaginary_ratio * real else math.inf
 
 
-def free_shoulder(depths: Floats, radii: Floats, scatter: float) -> float | None:
-    """The same where a superellipse closes it, each with the width that fits; as `free_pole`."""
-    if len(depths) < SHOULDER_FEWEST or not radii[-1] ** 2 < NARROWED * radii[-4] ** 2:
+def free_shoulder(
+    depths: Floats, radii: Floats, scatter: float, settings: ClosingSettings
+) -> float | None:
+    """As `free_pole`, of the end of the superellipse that fits the last contours best."""
+    untouched, fourth = settings.untouched, -1 - N_TREND_CONTOURS
+    if len(depths) < untouched.min_shoulder_contours:
+        return None
+    if not radii[-1] ** 2 < untouched.max_narrowing * radii[fourth] ** 2:
         return None
     begin = float(depths[-(len(depths) // 2 + 1)])
-    ways = (depths[-1] - depths[-2]) * WAYS
-    near, seen = depths[-SHOULDER_CONTOURS:], radii[-SHOULDER_CONTOURS:]
-    zeta = (near - begin) / (depths[-1] + ways[:, None] - begin)
-    squares = np.array([shoulder_misfits(each, seen).min() for each in zeta])
-    misses = np.sqrt(squares / len(seen))
-    best = int(misses.argmin())
-    allowed = SHOULDER_MISS * float(radii.max()) + SHOULDER_NOISES * scatter
-    return float(ways[best]) if misses[best] < allowed else None
+    limits = untouched.min_shoulder_height, untouched.max_shoulder_height
+    spacings = np.geomspace(*limits, untouched.n_shoulder_heights)
+    distances = (depths[-1] - depths[-2]) * spacings
+    last = slice(-settings.profile.n_shoulder_contours, None)
+    zetas = (depths[last] - begin) / (depths[-1] + distances[:, None] - begin)
+    squares = np.array(
+        [shoulder_misfits(zeta, radii[last], settings.profile).min() for zeta in zetas]
+    )
+    misfits = np.sqrt(squares / len(radii[last]))
+    best = int(misfits.argmin())
+    allowed = untouched.max_shoulder_misfit * float(radii.max())
+    allowed += untouched.shoulder_sigmas * scatter
+    return float(distances[best]) if misfits[best] < allowed else None
 
 
-def choose_profile(
-    depths: Floats,
-    radii: Floats,
+def _chosen_profile(
+    stack: _Stack,
     end: float,
-    scatter: float,
-    *,
-    dense: bool = False,
-    beyond: EdgeSamples | None = None,
-) -> tuple[ProfileKind, Profile, dict[ProfileKind, float]]:
-    """Family, profile and misses of an end at an outward coordinate, as of `free_pole`.
-
-    Misses are of the last contour's radius, by family, m; none of few contours. What was touched
-    `beyond` dense contours has to be met as well.
-    """
-    families, slack = (DENSE, DENSE_SLACK) if dense else (FAMILIES, SLACK)
-    tried = dict(families)
-    if beyond is not None:
-        tried["flared"] = partial(flared, beyond=beyond)
-    profiles = {name: family(depths, radii, end) for name, family in tried.items()}
-    if len(depths) < FEWEST:
-        carried = trend_of(depths, radii)
-        stands = carried.at(end - float(depths[-1])) > STANDS * carried.square
-        kind: ProfileKind = "flat" if stands else "conic"
-        return kind, profiles[kind], {}
-    if beyond is None:
-        misses = _misses(families, depths, radii, end, LEFT_OUT[dense])
-    else:
+    dense: bool,
+    samples: EdgeSamples | None,
+    settings: ClosingSettings,
+) -> tuple[ProfileKind, Profile]:
+    """Family and profile of an end at an outward coordinate; `samples` have to be met as well."""
+    depths, radii, family = stack.depths, stack.radii, settings.family
+    families = DENSE_FAMILIES if dense else FAMILIES
+    if len(depths) < family.min_contours:
+        trend = trend_of(depths, radii)
+        is_flat = trend.at(end - float(depths[-1])) > family.min_flat_square * trend.square
+        kind: ProfileKind = "flat" if is_flat else "conic"
+        return kind, families[kind](depths, radii, end, settings.profile)
+    profiles = {name: fit(depths, radii, end, settings.profile) for name, fit in families.items()}
+    if samples is not None:
+        profiles["flared"] = flared(depths, radii, end, settings.profile, samples)
         rim, radius = float(depths[-1]), float(radii[-1])
-        # What was touched beyond tells more of the end than any contour that is left out.
-        misses = {
-            name: float(np.sqrt(np.mean(beyond.off(one, rim, end, radius) ** 2)))
-            for name, one in profiles.items()
+        # Samples beyond the last contour determine the end better than contours that are left out.
+        errors = {
+            name: float(np.sqrt(np.mean(samples.residuals(profile, rim, end, radius) ** 2)))
+            for name, profile in profiles.items()
         }
-    enough = min(misses.values()) + max(NOISES * scatter, slack * float(radii.max()))
-    kind = next(name for name, miss in misses.items() if miss <= enough)
-    if kind not in LEVEL or not dense:
-        return kind, profiles[kind], misses
-    rows = depths, radii, end, beyond  # A sharp edge, or what follows the rows clearly better
-    by_edge, by_shoulder = (_misfit(profiles[name], *rows) for name in LEVEL)
-    most = min(CLEARLY * by_shoulder, CLOSELY * float(radii[-1]) + TOGETHER * scatter)
-    if kind == "flat":
-        is_shoulder = by_shoulder < BY_FAR * by_edge
-        kind = "flared" if is_shoulder else "flat"
-        most = by_shoulder if is_shoulder else BY_FAR * by_edge
-    arc = rounded(depths, radii, end)
-    if arc is not None and _misfit(arc, *rows) < most:
-        return "rounded", arc, misses
-    return kind, profiles[kind], misses
+    else:
+        errors = _prediction_errors(stack, end, dense, settings)
+    slack = (family.dense_slack if dense else family.slack) * float(radii.max())
+    allowed = min(errors.values()) + max(family.slack_sigmas * stack.scatter, slack)
+    kind = next(name for name, error in errors.items() if error <= allowed)
+    if dense and kind in ("flat", "flared"):
+        return _level_profile(stack, end, kind, profiles, samples, settings)
+    return kind, profiles[kind]
 
 
-def _misses(
-    families: dict[ProfileKind, Family],
-    depths: Floats,
-    radii: Floats,
-    end: float,
-    left_out: tuple[int, int],
+def _prediction_errors(
+    stack: _Stack, end: float, dense: bool, settings: ClosingSettings
 ) -> dict[ProfileKind, float]:
-    """By how much the last radius is missed, from those that are not left out."""
-    far = int(np.searchsorted(depths, 2.0 * depths[-1] - end, side="right"))
-    least, most = left_out
-    kept = max(min(far, len(depths) - least), len(depths) - most)
+    """Error of the last radius that each family predicts from the contours before."""
+    depths, radii = stack.depths, stack.radii
+    as_far = int(np.searchsorted(depths, 2.0 * depths[-1] - end, side="right"))
+    least, most = settings.family.n_dense_left_out if dense else settings.family.n_left_out
+    kept = max(min(as_far, len(depths) - least), len(depths) - most)
     known, seen = depths[:kept], radii[:kept]
-    way = np.array([(depths[-1] - known[-1]) / (end - known[-1])])
-    return {
-        name: abs(float(seen[-1] * family(known, seen, end).shares(way)[0] - radii[-1]))
-        for name, family in families.items()
-    }
+    fraction = np.array([(depths[-1] - known[-1]) / (end - known[-1])])
+    errors: dict[ProfileKind, float] = {}
+    for name, fit in (DENSE_FAMILIES if dense else FAMILIES).items():
+        ratio = fit(known, seen, end, settings.profile).radius_ratios(fraction)[0]
+        errors[name] = abs(float(seen[-1] * ratio - radii[-1]))
+    return errors
 
 
-def _misfit(
-    profile: Profile, depths: Floats, radii: Floats, end: float, beyond: EdgeSamples | None
-) -> float:
-    """Root mean square distance of the last rows, and of samples beyond, from a profile."""
-    rim, last = float(depths[-1]), float(radii[-1])
-    way = (depths[-ROWS:] - rim) / (end - rim)
-    missed = [last * profile.shares(way) - radii[-ROWS:]]
-    if beyond is not None:
-        missed.append(beyond.off(profile, rim, end, last))
-    return float(np.sqrt(np.mean(np.concatenate(missed) ** 2)))
+def _level_profile(
+    stack: _Stack,
+    end: float,
+    kind: ProfileKind,
+    profiles: dict[ProfileKind, Profile],
+    samples: EdgeSamples | None,
+    settings: ClosingSettings,
+) -> tuple[ProfileKind, Profile]:
+    """A level end: with a sharp edge, a flared shoulder or an arc."""
+
+    def misfit(profile: Profile) -> float:
+        """Root mean square distance of the last rows, and of the samples, from a profile."""
+        rim, last = float(stack.depths[-1]), float(stack.radii[-1])
+        rows = slice(-settings.profile.n_rows, None)
+        fractions = (stack.depths[rows] - rim) / (end - rim)
+        residuals = [last * profile.radius_ratios(fractions) - stack.radii[rows]]
+        if samples is not None:
+            residuals.append(samples.residuals(profile, rim, end, last))
+        return float(np.sqrt(np.mean(np.concatenate(residuals) ** 2)))
+
+    family = settings.family
+    by_edge, by_shoulder = misfit(profiles["flat"]), misfit(profiles["flared"])
+    limit = family.max_arc_misfit * float(stack.radii[-1]) + family.arc_sigmas * stack.scatter
+    limit = min(family.max_shoulder_ratio * by_shoulder, limit)
+    if kind == "flat":
+        is_shoulder = by_shoulder < family.max_edge_ratio * by_edge
+        kind = "flared" if is_shoulder else "flat"
+        limit = by_shoulder if is_shoulder else family.max_edge_ratio * by_edge
+    arc = rounded(stack.depths, stack.radii, end, settings.profile)
+    if arc is not None and misfit(arc) < limit:
+        return "rounded", arc
+    return kind, profiles[kind]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Stack:
     """Contours from inside towards an end."""
 
-    depths: Floats
-    radii: Floats
-    middles: Floats
-    scatter: float
-    sign: float
-    starlike: bool
+    depths: Floats  # ascending outward coordinates (n,)
+    radii: Floats  # root mean square radii (n,)
+    middles: Floats  # (n, 2)
+    scatter: float  # standard deviation of a mean radius
+    sign: float  # 1 towards an upper end, -1 towards a lower one
+    starlike: bool  # whether the last contour is star-shaped about its middle
+    n_axis: int  # contours whose middles determine the direction of the axis
 
     @property
     def spacing(self) -> float:
-        """Of the last two contours; 0 if there is but one."""
+        """Distance of the last two contours; 0 if there is one."""
         return float(self.depths[-1] - self.depths[-2]) if len(self.depths) > 1 else 0.0
 
     def end(self, kind: EndKind, depth: float, profile: Profile, uncovered: float = 0.0) -> End:
@@ -349,11 +412,11 @@ class _Stack:
 
     def _axis(self, depth: float) -> Floats:
         """Middle at an outward coordinate, on the line through the last middles."""
-        last, middles = self.depths[-LEAN_CONTOURS:], self.middles[-LEAN_CONTOURS:]
-        beyond = last - last[-1]
-        # Far beyond the contours nobody knows whether it leans on.
+        last, middles = self.depths[-self.n_axis :], self.middles[-self.n_axis :]
+        below = last - last[-1]
+        # Far beyond the contours the direction of the axis is unknown: the line ends there.
         ahead = min(depth - self.depths[-1], self.depths[-1] - self.depths[0])
-        away = beyond - beyond.mean()
-        square = float(away @ away)
-        lean = away @ (middles - middles.mean(axis=0)) / square if square else np.zeros(2)
+        centred = below - below.mean()
+        square = float(centred @ centred)
+        lean = centred @ (middles - middles.mean(axis=0)) / square if square else np.zeros(2)
         return np.asarray(self.middles[-1] + ahead * lean)

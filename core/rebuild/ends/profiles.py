@@ -1,16 +1,17 @@
-"""Families of shapes in which a solid narrows from its last contour to its end, and their curves.
+"""Profile families: how the radius of a solid changes from its last contour to its end.
 
-A profile tells the radius as a share of the last contour's, over the way to the end: 0 at that
-contour, 1 at the end. Slope and bend come from the squared radius. As curves, profiles are
-walked by the angle about their centre: there neither a rounded edge nor a pole nor the tip of a
-cone is singular, as each is in height or in radius. A wall that an arc rounds off into a level
-end is a family of its own, for a superellipse comes down too early there.
+A profile maps the fraction of the height from the last contour, 0, to the end, 1, onto the ratio of
+the radius to that of the last contour. Slope and bend come from the squared radius. As curves,
+profiles are parametrised by the angle about their centre: neither a rounded edge nor a pole nor the
+tip of a cone is singular there, as each is in height or in radius. A wall that an arc rounds off
+into a level end is a family of its own: a superellipse falls too early there.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -18,35 +19,44 @@ from numpy.polynomial import polynomial
 
 from palpate.core.arrays import Floats
 
-ROUNDS = 60  # Most steps of Newton's method; from its start it converges from one side
-# Radius below which a curvature is told as it is there: at the tip of some superellipses it has no
-# bound.
-LEAST_SHARE = 1e-6
-TREND_CONTOURS = 3  # Contours through which the squared radius is carried on
-WIDEST = 0.5  # A flat end's wall flares by no more than this share
-CONE = 1e-6  # A conic that is nearer to a cone than this is one: its tip is sharp
-SHOULDER_CONTOURS = 6  # Contours to which a superellipse is fitted
-SHOULDER_REACH = 10  # The contour, counted from the end, at which a superellipse is widest
-# Exponents of superellipses that are tried, along the height and across: eight from each to its
-# double, so that those of a ball are among them.
-EXPONENTS = np.geomspace(1.0, 32.0, 41)
-FLARED = np.geomspace(1.0, 128.0, 57)  # Where close contours show sharper edges
-LEAST_TREND, MOST_TREND = -0.9, 2.0  # Of a wall: it must be there when the end comes
-NEAR_END = 1e-9  # A contour lies at least this share before the end
-ROWS = 9  # Rows of the side to which it is fitted
-# Radius of the arc over the way from the last row to the end, at most; at least it is 1: a smaller
-# arc would begin where nothing was seen.
-LARGEST = 12.0
-TRIED = 49  # Radii that are tried
-DEGREE = 4  # Of a relief
-LEAST_DISC = 0.05  # Of the last row's radius: a smaller disc is none
+# Newton's method converges from one side from its start, and stops before.
+MAX_NEWTON_STEPS = 60
+# Ratio of a radius to the last contour's below which a curvature is that at this ratio: at the tip
+# of some superellipses it is unbounded.
+MIN_RADIUS_RATIO = 1e-6
+N_TREND_CONTOURS = 3  # contours that determine a quadratic
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ProfileSettings:
+    """How each family is fitted to the last contours; tuned on the shipped scenes."""
+
+    max_flare: float = 0.5  # relative growth of the radius along the wall of a flat end
+    min_cone_slope: float = 1e-6  # of a conic, over a cone's -1; nearer to it, it is a cone
+    n_shoulder_contours: int = 6  # contours to which a superellipse is fitted
+    shoulder_start: int = 10  # contour, counted from the end, at which a superellipse is widest
+    exponents_per_octave: int = 8  # of superellipses, from 1 on; those of a ball are among them
+    max_exponent: float = 32.0
+    max_flared_exponent: float = 128.0  # of close contours, which show sharper edges
+    min_trend: float = -0.9  # relative change of a flared wall's radius from begin to end
+    max_trend: float = 2.0
+    min_end_gap: float = 1e-9  # fraction of the fitted height, of a contour from the end
+    n_rows: int = 9  # rows of the side to which an arc is fitted
+    # Radius of an arc over the height from the last row to the end. A ratio below 1 would begin
+    # where nothing was touched.
+    max_arc_ratio: float = 12.0
+    n_arcs: int = 49  # radii that are tried
+    min_disc: float = 0.05  # fraction of the last row's radius, of the disc inside an arc
 
 
 class ProfileCurve(Protocol):
     """Part of a profile."""
 
-    def at(self, way: Floats, by: int = 0) -> Floats:
-        """Height and radius (n, 2) by the way (n,) from 0, outside, to 1; or derivatives, to 2."""
+    def at(self, t: Floats, by: int = 0) -> Floats:
+        """Height and radius (n, 2) at parameters (n,), from 0 at the rim to 1.
+
+        Or their derivatives of order `by`, up to 2.
+        """
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,12 +66,12 @@ class StraightCurve:
     begin: tuple[float, float]
     end: tuple[float, float]
 
-    def at(self, way: Floats, by: int = 0) -> Floats:
+    def at(self, t: Floats, by: int = 0) -> Floats:
         """See `ProfileCurve.at`."""
         begin, step = np.array(self.begin), np.array(self.end) - self.begin
         if by == 0:
-            return np.asarray(begin + way[:, None] * step)
-        return np.broadcast_to(step if by == 1 else 0.0 * step, (len(way), 2))
+            return np.asarray(begin + t[:, None] * step)
+        return np.broadcast_to(step if by == 1 else 0.0 * step, (len(t), 2))
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +80,7 @@ class RoundCurve:
 
     profile: Conic | Superellipse
 
-    def at(self, way: Floats, by: int = 0) -> Floats:
+    def at(self, t: Floats, by: int = 0) -> Floats:
         """See `ProfileCurve.at`."""
         zeta, radius = 0.0, 1.0  # at the rim, from the curve's centre
         if isinstance(self.profile, Superellipse):
@@ -78,18 +88,18 @@ class RoundCurve:
             radius = float(shoulder(np.array(zeta), p, q)) * (1.0 + trend * zeta)
         first = math.atan2(zeta, radius / (1.0 + self._trend * zeta))
         rate = 0.5 * math.pi - first
-        polar = self._polar(first + rate * way)
-        found = (polar[by] if self._trend == 0.0 else self._flared(*polar)[by]) * rate**by
+        polar = self._polar(first + rate * t)
+        place = (polar[by] if self._trend == 0.0 else self._flared(*polar)[by]) * rate**by
         if by == 0:
-            found = found - np.array([zeta, 0.0])
-        return np.asarray(found / np.array([1.0 - zeta, radius]))
+            place = place - np.array([zeta, 0.0])
+        return np.asarray(place / np.array([1.0 - zeta, radius]))
 
     @property
     def _trend(self) -> float:
         return 0.0 if isinstance(self.profile, Conic) else self.profile.trend
 
     def _flared(self, place: Floats, first: Floats, second: Floats) -> tuple[Floats, ...]:
-        """The same with radii that change along the height besides: the product rule."""
+        """The same with the trend of the radius along the height, by the product rule."""
         more = 1.0 + self._trend * place[:, :1]
         along = self._trend * first[:, :1]
         radius = (
@@ -103,7 +113,7 @@ class RoundCurve:
         return tuple(np.concatenate(pair, axis=1) for pair in zip(heights, radius, strict=True))
 
     def _polar(self, angle: Floats) -> tuple[Floats, Floats, Floats]:
-        """Places and their first two derivatives by the angle, (n, 2) each, by implicit slopes."""
+        """Places and their first two derivatives by the angle, (n, 2) each, implicitly."""
         ahead = np.stack([np.sin(angle), np.cos(angle)], axis=-1)
         aside = np.stack([np.cos(angle), -np.sin(angle)], axis=-1)
         distance = self._distance(ahead)[:, None]
@@ -124,7 +134,7 @@ class RoundCurve:
             return np.asarray(1.0 / (np.hypot(cosine, (1.0 + slope) * sine) - slope * sine))
         _, p, q, _ = self.profile
         distance = 1.0 / np.maximum(sine, cosine)
-        for _ in range(ROUNDS):  # convex and rising: no step goes past the root
+        for _ in range(MAX_NEWTON_STEPS):  # convex and rising: no step passes the root
             up, out = (distance * sine) ** p, (distance * cosine) ** q
             step = (up + out - 1.0) / (p * up + q * out)
             distance = distance * (1.0 - step)
@@ -133,7 +143,7 @@ class RoundCurve:
         return np.asarray(distance)
 
     def _slopes(self, place: Floats) -> tuple[Floats, Floats]:
-        """Gradient (n, 2), and the Hessian's diagonal (n, 2), of what is 0 on the curve."""
+        """Gradient (n, 2) and diagonal of the Hessian (n, 2) of the curve's implicit function."""
         zeta, radius = np.maximum(place, 0.0).T
         if isinstance(self.profile, Conic):
             slope = self.profile.slope
@@ -142,26 +152,26 @@ class RoundCurve:
             return gradient, np.broadcast_to(np.array([curve, 2.0]), place.shape)
         _, p, q, _ = self.profile
         gradient = np.stack([p * zeta ** (p - 1.0), q * radius ** (q - 1.0)], axis=-1)
-        zeta, radius = np.maximum(zeta, LEAST_SHARE), np.maximum(radius, LEAST_SHARE)
+        zeta, radius = np.maximum([zeta, radius], MIN_RADIUS_RATIO)
         second = p * (p - 1.0) * zeta ** (p - 2.0), q * (q - 1.0) * radius ** (q - 2.0)
         return gradient, np.stack(second, axis=-1)
 
 
-def _dot(one: Floats, other: Floats) -> Floats:
-    return np.asarray(np.einsum("ni,ni->n", one, other)[:, None])
+def _dot(a: Floats, b: Floats) -> Floats:
+    return np.asarray(np.einsum("ni,ni->n", a, b)[:, None])
 
 
 def profile_curves(profile: Profile, gap: float) -> tuple[ProfileCurve, ...]:
-    """A profile's smooth parts, from the rim to the middle; a disc where there is no `gap`."""
+    """Smooth parts of a profile, from the rim to the axis; a disc alone if the `gap` is 0."""
     if isinstance(profile, Rounded):
-        leaves = float(profile.shares(np.array([1.0]))[0])
-        return ArcCurve(profile), StraightCurve((1.0, leaves), (1.0, 0.0))
+        disc = float(profile.radius_ratios(np.array([1.0]))[0])
+        return ArcCurve(profile), StraightCurve((1.0, disc), (1.0, 0.0))
     if not isinstance(profile, Flat):
         return (RoundCurve(profile),)
     if not abs(gap) > 0.0:
         return (StraightCurve((0.0, 1.0), (0.0, 0.0)),)
     wall = StraightCurve((0.0, 1.0), (1.0, 1.0 + profile.slope))
-    if wall.end[1] <= LEAST_SHARE:
+    if wall.end[1] <= MIN_RADIUS_RATIO:
         return (StraightCurve((0.0, 1.0), (1.0, 0.0)),)
     return wall, StraightCurve(wall.end, (1.0, 0.0))
 
@@ -169,11 +179,11 @@ def profile_curves(profile: Profile, gap: float) -> tuple[ProfileCurve, ...]:
 class Flat(NamedTuple):
     """A straight wall, then a level disc."""
 
-    slope: float  # Change of the radius over the whole way, from -1, a cone, upwards
+    slope: float  # relative change of the radius up to the end; -1 is a cone
 
-    def shares(self, way: Floats) -> Floats:
-        """Radius (n,) as a share of the last contour's."""
-        return 1.0 + self.slope * way
+    def radius_ratios(self, fractions: Floats) -> Floats:
+        """Radii (n,) over the last contour's, at fractions (n,) of the height to the end."""
+        return 1.0 + self.slope * fractions
 
 
 class Conic(NamedTuple):
@@ -181,9 +191,9 @@ class Conic(NamedTuple):
 
     slope: float  # s: 0 is half an ellipse, -1/2 a paraboloid, near -1 a cone
 
-    def shares(self, way: Floats) -> Floats:
-        """Radius (n,) as a share of the last contour's."""
-        square = (1.0 - way) * (1.0 + (1.0 + 2.0 * self.slope) * way)
+    def radius_ratios(self, fractions: Floats) -> Floats:
+        """Radii (n,) over the last contour's, at fractions (n,) of the height to the end."""
+        square = (1.0 - fractions) * (1.0 + (1.0 + 2.0 * self.slope) * fractions)
         return np.sqrt(np.maximum(square, 0.0))
 
 
@@ -191,13 +201,13 @@ class Superellipse(NamedTuple):
     """A shoulder: (1 - zeta^p)^(1/q) (1 + trend zeta), with zeta = 1 at the end."""
 
     begin: float  # zeta at the last contour
-    p: float  # Exponent along the height
-    q: float  # Exponent across
-    trend: float = 0.0  # Change of the radius besides, as a share: of a wall that flares or narrows
+    p: float  # exponent along the height
+    q: float  # exponent of the radius
+    trend: float = 0.0  # relative change of the radius from 0 to 1, of a wall that flares
 
-    def shares(self, way: Floats) -> Floats:
-        """Radius (n,) as a share of the last contour's."""
-        zeta = self.begin + (1.0 - self.begin) * np.asarray(way)
+    def radius_ratios(self, fractions: Floats) -> Floats:
+        """Radii (n,) over the last contour's, at fractions (n,) of the height to the end."""
+        zeta = self.begin + (1.0 - self.begin) * np.asarray(fractions)
         return self._radius(zeta) / self._radius(np.array(self.begin))
 
     def _radius(self, zeta: Floats) -> Floats:
@@ -205,15 +215,15 @@ class Superellipse(NamedTuple):
 
 
 class Relief(NamedTuple):
-    """What an end rises over its profile, by the place: in full at its height, not at the rim."""
+    """Height of an end's face over its profile: in full at the profile's end, 0 at the rim."""
 
-    middle: Floats  # About which it is told, (2,)
-    scale: float  # Radius about it
-    coefficients: Floats  # (5, 5), of powers of x and of y, over the scale
-    deviation: float  # Its standard deviation, root mean square over the face, m
+    middle: Floats  # origin of the polynomial, (2,) [m]
+    scale: float  # radius that is its unit [m]
+    coefficients: Floats  # (5, 5) of powers of x and of y, over the scale [m]
+    deviation: float  # standard deviation, root mean square over the face [m]
 
     def at(self, places: Floats, by: tuple[int, int] = (0, 0)) -> Floats:
-        """Over places (..., 2): (...), or derivatives by x and y."""
+        """Height (...) over places (..., 2) [m], or its derivatives by x and y."""
         x, y = np.moveaxis((places - self.middle) / self.scale, -1, 0)
         along = polynomial.polyder(self.coefficients, by[0], axis=0)
         across = polynomial.polyder(along, by[1], axis=1)
@@ -221,51 +231,51 @@ class Relief(NamedTuple):
 
 
 class EdgeSamples(NamedTuple):
-    """What was touched of an end beyond the last contour."""
+    """Mean radii of what was touched of an end beyond the last contour."""
 
-    depths: Floats  # Outward coordinates, (n,), between the last contour and the end
-    radii: Floats  # Mean radii there, (n,), as if the last contour's had shrunk or grown as a whole
-    weights: Floats  # Level part of the normals, (n,), by which a radius counts
+    depths: Floats  # outward coordinates (n,), between the last contour and the end [m]
+    radii: Floats  # (n,) [m], as if the last contour grew or shrank as a whole
+    weights: Floats  # radial components of the normals (n,)
 
-    def off(self, profile: Profile, rim: float, end: float, radius: float) -> Floats:
-        """Weighted distances (n,) from a profile that has `radius` at the rim."""
-        shares = profile.shares((self.depths - rim) / (end - rim))
-        return np.asarray(self.weights * (radius * shares - self.radii))
+    def residuals(self, profile: Profile, rim: float, end: float, radius: float) -> Floats:
+        """Weighted distances (n,) [m] from a profile that has `radius` at the rim."""
+        ratios = profile.radius_ratios((self.depths - rim) / (end - rim))
+        return np.asarray(self.weights * (radius * ratios - self.radii))
 
 
 class Trend(NamedTuple):
-    """Squared radius over the outward coordinate, about the last contour."""
+    """Squared radius as a quadratic of the outward coordinate, about the last contour."""
 
-    square: float  # At the last contour
-    slope: float
-    bend: float  # Half its second derivative
+    square: float  # at the last contour [m^2]
+    slope: float  # [m]
+    bend: float  # half the second derivative
 
-    def at(self, beyond: float) -> float:
-        """Squared radius this far beyond the last contour; negative beyond a pole."""
-        return self.square + beyond * (self.slope + beyond * self.bend)
+    def at(self, distance: float) -> float:
+        """Squared radius at a distance beyond the last contour; negative beyond a pole."""
+        return self.square + distance * (self.slope + distance * self.bend)
 
 
 def trend_of(depths: Floats, radii: Floats) -> Trend:
     """Quadratic through the last three squared radii at ascending outward coordinates (n,)."""
-    count = min(TREND_CONTOURS, len(depths))
+    count = min(N_TREND_CONTOURS, len(depths))
     depths, square = depths[-count:] - depths[-1], radii[-count:] ** 2
     if count == 1:
         return Trend(float(square[-1]), 0.0, 0.0)
     scale = float(-depths[0])
-    found = np.linalg.solve(np.vander(depths / scale, count, increasing=True), square)
-    bend = float(found[2]) / scale**2 if count == TREND_CONTOURS else 0.0
-    return Trend(float(square[-1]), float(found[1]) / scale, bend)
+    powers = np.linalg.solve(np.vander(depths / scale, count, increasing=True), square)
+    bend = float(powers[2]) / scale**2 if count == N_TREND_CONTOURS else 0.0
+    return Trend(float(square[-1]), float(powers[1]) / scale, bend)
 
 
-def flat(depths: Floats, radii: Floats, end: float) -> Profile:
-    """Wall that goes on as the contours do; parameters as of `superellipse`."""
-    return Flat(float(np.clip(_slope(depths, radii, end), -1.0, WIDEST)))
+def flat(depths: Floats, radii: Floats, end: float, settings: ProfileSettings) -> Profile:
+    """Straight wall with the slope of the last contours; parameters as of `superellipse`."""
+    return Flat(float(np.clip(_slope(depths, radii, end), -1.0, settings.max_flare)))
 
 
-def conic(depths: Floats, radii: Floats, end: float) -> Profile:
-    """Conic that goes on as the contours do; parameters as of `superellipse`."""
+def conic(depths: Floats, radii: Floats, end: float, settings: ProfileSettings) -> Profile:
+    """Conic with the slope of the last contours; parameters as of `superellipse`."""
     slope = float(np.clip(_slope(depths, radii, end), -1.0, 0.0))
-    return Flat(-1.0) if slope < CONE - 1.0 else Conic(slope)
+    return Flat(-1.0) if slope < settings.min_cone_slope - 1.0 else Conic(slope)
 
 
 def _slope(depths: Floats, radii: Floats, end: float) -> float:
@@ -274,54 +284,73 @@ def _slope(depths: Floats, radii: Floats, end: float) -> float:
     return float((end - depths[-1]) * trend.slope / (2.0 * trend.square))
 
 
-def superellipse(depths: Floats, radii: Floats, end: float) -> Profile:
+def superellipse(depths: Floats, radii: Floats, end: float, settings: ProfileSettings) -> Profile:
     """Superellipse that best follows the last contours before an end beyond them.
 
-    By ascending outward coordinates (n,), mean radii there, and the end's outward coordinate.
+    By ascending outward coordinates (n,) of contours, their mean radii (n,), and the outward
+    coordinate of the end, all in one unit.
     """
-    begin = depths[max(0, len(depths) - SHOULDER_REACH)]
-    zeta = np.clip((depths - begin) / (end - begin), 0.0, 1.0 - NEAR_END)
-    near, seen = zeta[-SHOULDER_CONTOURS:], radii[-SHOULDER_CONTOURS:]
-    misfit = shoulder_misfits(near, seen)
+    begin = depths[max(0, len(depths) - settings.shoulder_start)]
+    zeta = np.clip((depths - begin) / (end - begin), 0.0, 1.0 - settings.min_end_gap)
+    last = slice(-settings.n_shoulder_contours, None)
+    misfit = shoulder_misfits(zeta[last], radii[last], settings)
     p, q = np.unravel_index(int(misfit.argmin()), misfit.shape)
-    return Superellipse(float(zeta[-1]), float(EXPONENTS[p]), float(EXPONENTS[q]))
+    exponents = _exponents(settings.max_exponent, settings.exponents_per_octave)
+    return Superellipse(float(zeta[-1]), float(exponents[p]), float(exponents[q]))
 
 
-def shoulder_misfits(zeta: Floats, radii: Floats) -> Floats:
+def shoulder_misfits(zeta: Floats, radii: Floats, settings: ProfileSettings) -> Floats:
     """Sums of squares (p, q) by which the best of each pair of exponents misses radii (n,)."""
-    shares = shoulder(zeta, EXPONENTS[:, None, None], EXPONENTS[:, None])
-    scale = shares @ radii / np.einsum("pqn,pqn->pq", shares, shares)
-    return np.asarray(np.sum((scale[:, :, None] * shares - radii) ** 2, axis=-1))
+    exponents = _exponents(settings.max_exponent, settings.exponents_per_octave)
+    ratios = shoulder(zeta, exponents[:, None, None], exponents[:, None])
+    scale = ratios @ radii / np.einsum("pqn,pqn->pq", ratios, ratios)
+    return np.asarray(np.sum((scale[:, :, None] * ratios - radii) ** 2, axis=-1))
 
 
-def flared(depths: Floats, radii: Floats, end: float, beyond: EdgeSamples | None = None) -> Profile:
+@lru_cache(maxsize=4)
+def _exponents(maximum: float, per_octave: int) -> Floats:
+    """Exponents from 1 to a maximum, evenly spaced in their logarithm."""
+    exponents: Floats = np.geomspace(1.0, maximum, round(per_octave * math.log2(maximum)) + 1)
+    exponents.setflags(write=False)
+    return exponents
+
+
+def flared(
+    depths: Floats,
+    radii: Floats,
+    end: float,
+    settings: ProfileSettings,
+    samples: EdgeSamples | None = None,
+) -> Profile:
     """Superellipse on a wall that flares or narrows; parameters as of `superellipse`.
 
-    It follows all the contours, close together, and what was touched beyond them. For each pair of
-    exponents width and trend follow by orthogonal projection (Gram and Schmidt), all at once.
+    It is fitted to all contours, which are close together, and to `samples` beyond them. For each
+    pair of exponents width and trend follow by orthogonal projection (Gram and Schmidt).
     """
     begin, last = depths[0], len(depths) - 1
     weights = np.ones(len(depths))
-    if beyond is not None:
-        depths = np.concatenate([depths, beyond.depths])
-        radii = np.concatenate([radii, beyond.radii])
-        weights = np.concatenate([weights, beyond.weights])
-    zeta = np.clip((depths - begin) / (end - begin), 0.0, 1.0 - NEAR_END)
-    shoulders = np.maximum(1.0 - zeta ** FLARED[:, None], 0.0)
+    if samples is not None:
+        depths = np.concatenate([depths, samples.depths])
+        radii = np.concatenate([radii, samples.radii])
+        weights = np.concatenate([weights, samples.weights])
+    zeta = np.clip((depths - begin) / (end - begin), 0.0, 1.0 - settings.min_end_gap)
+    exponents = _exponents(settings.max_flared_exponent, settings.exponents_per_octave)
+    shoulders = np.maximum(1.0 - zeta ** exponents[:, None], 0.0)
     with np.errstate(divide="ignore"):  # 0 to any power is 0
-        shares = weights * np.exp(np.log(shoulders)[:, None] / FLARED[:, None])
-    lengths, first = _unit(shares)
-    mixed = np.einsum("pqn,pqn->pq", first, shares * zeta)
-    rises, second = _unit(shares * zeta - mixed[..., None] * first)
+        ratios = weights * np.exp(np.log(shoulders)[:, None] / exponents[:, None])
+    lengths, first = _unit(ratios)
+    mixed = np.einsum("pqn,pqn->pq", first, ratios * zeta)
+    rises, second = _unit(ratios * zeta - mixed[..., None] * first)
     along = first @ (weights * radii)
-    left = weights * radii - along[..., None] * first
-    beside = np.einsum("pqn,pqn->pq", second, left)
-    misfit = np.sum((left - beside[..., None] * second) ** 2, axis=-1)
+    rest = weights * radii - along[..., None] * first
+    beside = np.einsum("pqn,pqn->pq", second, rest)
+    misfit = np.sum((rest - beside[..., None] * second) ** 2, axis=-1)
     p, q = np.unravel_index(int(misfit.argmin()), misfit.shape)
     change = beside[p, q] / rises[p, q]
     width = (along[p, q] - mixed[p, q] * change) / lengths[p, q]
-    trend = float(np.clip(change / width, LEAST_TREND, MOST_TREND)) if width > 0.0 else 0.0
-    return Superellipse(float(zeta[last]), float(FLARED[p]), float(FLARED[q]), trend)
+    limits = settings.min_trend, settings.max_trend
+    trend = float(np.clip(change / width, *limits)) if width > 0.0 else 0.0
+    return Superellipse(float(zeta[last]), float(exponents[p]), float(exponents[q]), trend)
 
 
 def _unit(vectors: Floats) -> tuple[Floats, Floats]:
@@ -336,32 +365,32 @@ def shoulder(zeta: Floats, p: Floats | float, q: Floats | float) -> Floats:
 
 
 class Rounded(NamedTuple):
-    """A wall and an arc; shares are of the last row's radius, ways of the way to the end."""
+    """A wall and an arc; radii are over the last row's, heights over that to the end."""
 
-    arc: float  # Radius of the arc, as a way: 1 or more
-    width: float  # The same as a share
-    wall: tuple[float, float, float]  # Polynomial of the way, by ascending powers, shares
+    arc: float  # radius of the arc over the height to the end, at least 1
+    width: float  # the same radius over that of the last row
+    wall: tuple[float, float, float]  # polynomial of the height, by ascending powers
 
-    def shares(self, way: Floats) -> Floats:
-        """Radius (n,) as a share of the last row's."""
-        inside = np.clip(1.0 - (1.0 - np.asarray(way)) / self.arc, 0.0, 1.0)
+    def radius_ratios(self, fractions: Floats) -> Floats:
+        """Radii (n,) over the last row's, at fractions (n,) of the height to the end."""
+        inside = np.clip(1.0 - (1.0 - np.asarray(fractions)) / self.arc, 0.0, 1.0)
         level, slope, bend = self.wall
-        wall = level + way * (slope + way * bend)
+        wall = level + fractions * (slope + fractions * bend)
         return wall - self.width * (1.0 - np.sqrt(1.0 - inside**2))
 
 
 @dataclass(frozen=True, slots=True)
 class ArcCurve:
-    """The arc of a rounded end, walked by its angle: smooth where it meets the disc."""
+    """The arc of a rounded end, parametrised by its angle: smooth where it meets the disc."""
 
     profile: Rounded
 
-    def at(self, way: Floats, by: int = 0) -> Floats:
+    def at(self, t: Floats, by: int = 0) -> Floats:
         """See `ProfileCurve.at`."""
         arc, width, (level, slope, bend) = self.profile
         first = math.asin(1.0 - 1.0 / arc)
         rate = 0.5 * math.pi - first
-        sine, cosine = np.sin(first + rate * way), np.cos(first + rate * way)
+        sine, cosine = np.sin(first + rate * t), np.cos(first + rate * t)
         x = 1.0 - arc * (1.0 - sine)
         if by == 0:
             wall = level + x * (slope + x * bend)
@@ -374,25 +403,26 @@ class ArcCurve:
         return np.stack([more, second], axis=-1)
 
 
-def rounded(depths: Floats, radii: Floats, end: float) -> Rounded | None:
-    """Wall and arc that best follow the last rows; None if no arc leaves a disc within."""
-    depths, radii, last = depths[-ROWS:], radii[-ROWS:], float(radii[-1])
+def rounded(depths: Floats, radii: Floats, end: float, settings: ProfileSettings) -> Rounded | None:
+    """Wall and arc that best follow the last rows; None if no arc leaves a disc inside."""
+    depths, radii, last = depths[-settings.n_rows :], radii[-settings.n_rows :], float(radii[-1])
     gap = end - float(depths[-1])
-    way = (depths - depths[-1]) / gap
-    arcs = np.geomspace(1.0, LARGEST, TRIED)
-    inside = np.clip(1.0 - (1.0 - way) / arcs[:, None], 0.0, 1.0)
+    fractions = (depths - depths[-1]) / gap
+    arcs = np.geomspace(1.0, settings.max_arc_ratio, settings.n_arcs)
+    inside = np.clip(1.0 - (1.0 - fractions) / arcs[:, None], 0.0, 1.0)
     widths = arcs * gap / last
     cut = widths[:, None] * (1.0 - np.sqrt(1.0 - inside**2))
-    powers = np.vander(way, 3, increasing=True)
+    powers = np.vander(fractions, 3, increasing=True)
     walls = np.linalg.lstsq(powers, (radii / last + cut).T, rcond=None)[0]
-    missed = ((powers @ walls).T - cut - radii / last) ** 2
-    best = int(missed.sum(axis=1).argmin())
+    squares = ((powers @ walls).T - cut - radii / last) ** 2
+    best = int(squares.sum(axis=1).argmin())
     level, slope, bend = walls[:, best].tolist()
-    # The arc begins where the last row is: the share there is 1 by definition.
+    # The arc begins at the last row, where the ratio is 1 by definition.
     level += 1.0 - (level - float(cut[best, -1]))
-    found = Rounded(float(arcs[best]), float(widths[best]), (level, slope, bend))
-    leaves = float(found.shares(np.array([1.0]))[0])
-    return found if best > 0 and LEAST_DISC < leaves < 1.0 + WIDEST else None
+    profile = Rounded(float(arcs[best]), float(widths[best]), (level, slope, bend))
+    disc = float(profile.radius_ratios(np.array([1.0]))[0])
+    fits = best > 0 and settings.min_disc < disc < 1.0 + settings.max_flare
+    return profile if fits else None
 
 
 Profile = Flat | Conic | Superellipse | Rounded

@@ -1,9 +1,8 @@
-"""How an end rises and falls over its profile: a height field from all taxels that lie on it.
+"""Relief of an end: the height of its face over its profile, from all taxels that lie on it.
 
 The face of an object bulges, or is hollow, where its profile has a level disc. A polynomial over
-the place is fitted together with a shift of each touch. How large it is believed to be is told by
-the likelihood of what was touched, in which the polynomial itself has no say (empirical Bayes;
-Wahba, *A comparison of GCV and GML*, 1985): where faces are flat it vanishes.
+the plane is fitted together with a shift of each touch. Its prior size has the largest marginal
+likelihood (empirical Bayes; Wahba, *A comparison of GCV and GML*, 1985): of flat faces it is 0.
 """
 
 from __future__ import annotations
@@ -16,8 +15,8 @@ from palpate.core.arrays import Floats, Ints
 from palpate.core.geometry import area_centroid
 from palpate.core.rebuild.contours import ContactPoints, taxel_pitch
 from palpate.core.rebuild.ends.closing import End
-from palpate.core.rebuild.ends.profiles import DEGREE, Relief
-from palpate.core.rebuild.ends.touched import FEW, on_end
+from palpate.core.rebuild.ends.profiles import Relief
+from palpate.core.rebuild.ends.touched import on_end
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,9 +28,10 @@ class ReliefSettings:
     face by much more than where it was touched.
     """
 
-    n_ways: int = 65  # places at which a profile is sampled
-    face_way: float = 0.9  # fraction of the way to the end; taxels beyond it lie on the face
-    inner_radius: float = 0.7  # fraction of the rim's radius; some touches must lie within it
+    degree: int = 4  # of the polynomial
+    min_face_fraction: float = 0.9  # of that height; taxels beyond it lie on the face
+    inner_radius: float = 0.7  # fraction of the rim's radius
+    min_touches: int = 3  # on the face within that radius
     n_deviations: int = 25  # prior standard deviations of the coefficients that are tried
     min_deviation: float = 1e-4  # fraction of the radius
     max_deviation: float = 3e-2  # fraction of the radius
@@ -52,49 +52,55 @@ def with_relief(
     pose: float | None,
     settings: ReliefSettings = ReliefSettings(),
 ) -> End:
-    """The end with a relief, if its touches determine one, inside a last row (k, 2), m.
+    """The end with a relief, if its touches determine one, inside a last row (k, 2) [m].
 
-    `pose` is the standard deviation of a touch's height, m; None without noise to be seen.
+    `pose` is the standard deviation of a touch's height [m]; None without noise.
     """
     points_on = on_end(contacts, end.rim, 1.0 if end.height > end.rim else -1.0)
     if end.pointed or end.height == end.rim or not points_on.any():
         return end
     points, touch = contacts.points[points_on], contacts.touch[points_on]
-    ways, shares = end_ways(end, row, points, settings)
-    face = ways > settings.face_way
-    if len(np.unique(touch[face & (shares < settings.inner_radius)])) < FEW:
+    fractions, radii = end_fractions(end, row, points)
+    face = fractions > settings.min_face_fraction
+    if len(np.unique(touch[face & (radii < settings.inner_radius)])) < settings.min_touches:
         return end
-    points, ways = points[face], ways[face]
+    points, fractions = points[face], fractions[face]
     touch = np.unique(touch[face], return_inverse=True)[1].astype(np.int32)
-    above = points[:, 2] - end.rim - ways * (end.height - end.rim)
+    above = points[:, 2] - end.rim - fractions * (end.height - end.rim)
     scale = float(np.sqrt(np.mean(np.sum((row - area_centroid(row)) ** 2, axis=1))))
-    powers = np.array([(i, d - i) for d in range(DEGREE + 1) for i in range(d + 1)])
-    rows = ways[:, None] * np.prod(((points[:, :2] - end.middle) / scale)[:, None] ** powers, 2)
+    count = settings.degree + 1
+    powers = np.array([(i, degree - i) for degree in range(count) for i in range(degree + 1)])
+    terms = np.prod(((points[:, :2] - end.middle) / scale)[:, None] ** powers, 2)
+    rows = fractions[:, None] * terms
     noise = _noise(rows, touch, above, settings.min_noise * taxel_pitch(contacts), settings)
     if noise is None:
         return end
     sizes = scale * np.sqrt(settings.decay ** powers.sum(axis=1))
-    found, spread = _coefficients(rows, touch, above, sizes, pose or 0.0, noise, settings)
-    if not float(np.sqrt(np.mean((rows @ found) ** 2))) > settings.min_relief * scale:
+    solution, covariance = _coefficients(rows, touch, above, sizes, pose or 0.0, noise, settings)
+    if not float(np.sqrt(np.mean((rows @ solution) ** 2))) > settings.min_relief * scale:
         return end
-    # As many places for each part of the face's area, touched or not.
-    away = row - area_centroid(row)
-    rings = np.sqrt((np.arange(settings.n_rings) + 0.5) / settings.n_rings)[:, None, None] * away
-    everywhere = np.prod((rings.reshape(-1, 1, 2) / scale) ** powers, axis=2)
-    rise = float(np.abs(rows @ found).max())
-    if not float(np.abs(everywhere @ found).max()) <= settings.max_rise_ratio * rise:
+    everywhere = np.prod((_face_places(row, settings.n_rings) / scale) ** powers, axis=2)
+    rise = float(np.abs(rows @ solution).max())
+    if not float(np.abs(everywhere @ solution).max()) <= settings.max_rise_ratio * rise:
         return end
-    coefficients = np.zeros((DEGREE + 1, DEGREE + 1))
-    coefficients[tuple(powers.T)] = found
-    variance = np.maximum(np.sum(everywhere @ spread * everywhere, axis=1), 0.0)
+    coefficients = np.zeros((count, count))
+    coefficients[tuple(powers.T)] = solution
+    variance = np.maximum(np.sum(everywhere @ covariance * everywhere, axis=1), 0.0)
     deviation = float(np.sqrt(np.mean(variance)))
     return replace(end, relief=Relief(end.middle, scale, coefficients, deviation))
+
+
+def _face_places(row: Floats, n_rings: int) -> Floats:
+    """Places (n, 1, 2) of equal area on the whole face inside a row (k, 2), about its middle."""
+    away = row - area_centroid(row)
+    rings = np.sqrt((np.arange(n_rings) + 0.5) / n_rings)[:, None, None] * away
+    return np.asarray(rings.reshape(-1, 1, 2))
 
 
 def _noise(
     rows: Floats, touch: Ints, above: Floats, least: float, settings: ReliefSettings
 ) -> float | None:
-    """Standard deviation of heights `above`, m, at least `least`; None if too few equations."""
+    """Standard deviation of heights `above` [m], at least `least`; None of too few equations."""
     both = np.concatenate([rows, np.eye(int(touch.max()) + 1)[touch]], axis=1)
     solved, _, rank, _ = np.linalg.lstsq(both, above, rcond=None)
     spare = len(above) - int(rank)
@@ -105,12 +111,13 @@ def _noise(
     return max(float(np.sqrt(settings.n_correlated * squares / spare)), least) + rounding
 
 
-def end_ways(
-    end: End, row: Floats, points: Floats, settings: ReliefSettings = ReliefSettings()
+def end_fractions(
+    end: End, row: Floats, points: Floats, n_fractions: int = 65
 ) -> tuple[Floats, Floats]:
-    """How far on the way from the last row (k, 2) to its end places (n, 3) lie on its profile.
+    """Fractions (n,) of the height to an end at which places (n, 3) lie on its profile.
 
-    And their distances from its axis over those of the row, (n,).
+    And their distances (n,) from its axis over those of the last row (k, 2). The profile is
+    inverted by interpolation between `n_fractions` places.
     """
     centre = area_centroid(row)
     rim = row - centre
@@ -119,10 +126,10 @@ def end_ways(
     angles = np.arctan2(rim[:, 1], rim[:, 0])
     order = np.argsort(angles)
     azimuth, radii = np.arctan2(away[:, 1], away[:, 0]), np.hypot(*rim[order].T)
-    shares = np.hypot(*away.T) / np.interp(azimuth, angles[order], radii, period=2.0 * np.pi)
-    ways = np.linspace(0.0, 1.0, settings.n_ways)
-    falling = np.minimum.accumulate(end.profile.shares(ways))
-    return np.interp(-shares, -falling, ways, right=1.0), shares
+    ratios = np.hypot(*away.T) / np.interp(azimuth, angles[order], radii, period=2.0 * np.pi)
+    fractions = np.linspace(0.0, 1.0, n_fractions)
+    falling = np.minimum.accumulate(end.profile.radius_ratios(fractions))
+    return np.interp(-ratios, -falling, fractions, right=1.0), ratios
 
 
 def _coefficients(
@@ -134,20 +141,20 @@ def _coefficients(
     noise: float,
     settings: ReliefSettings,
 ) -> tuple[Floats, Floats]:
-    """Coefficients of the likeliest prior deviation, per sizes (k,), and their covariance, m."""
+    """Coefficients of the likeliest prior, over sizes (k,), and their covariance [m]."""
     both = np.concatenate([rows, np.eye(int(touch.max()) + 1)[touch]], axis=1)
     normal, right = both.T @ both / noise**2, both.T @ above / noise**2
     count = rows.shape[1]
-    likeliest, found, covariance = -np.inf, np.zeros(count), np.zeros((count, count))
-    none = 0.0
+    likeliest, solution, covariance = -np.inf, np.zeros(count), np.zeros((count, count))
+    without = 0.0  # log likelihood of no relief
     limits = settings.min_deviation, settings.max_deviation
     for deviation in (0.0, *np.geomspace(*limits, settings.n_deviations)):
         spread = np.concatenate([deviation * sizes, np.full(both.shape[1] - len(sizes), pose)])
         system = np.eye(len(spread)) + spread[:, None] * normal * spread
         solved = np.linalg.solve(system, spread * right)
         likelihood = 0.5 * float(spread * right @ solved) - 0.5 * np.linalg.slogdet(system)[1]
-        none = likelihood if deviation == 0.0 else none
-        if likelihood > max(likeliest, none + settings.min_log_likelihood_ratio):
-            likeliest, found = likelihood, (spread * solved)[:count]
+        without = likelihood if deviation == 0.0 else without
+        if likelihood > max(likeliest, without + settings.min_log_likelihood_ratio):
+            likeliest, solution = likelihood, (spread * solved)[:count]
             covariance = (spread[:, None] * np.linalg.inv(system) * spread)[:count, :count]
-    return found, covariance
+    return solution, covariance

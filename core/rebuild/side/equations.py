@@ -1,15 +1,15 @@
 """Contact points as equations for the squared distance from an axis curve, and their banded system.
 
-Each point counts by its distance along its own normal: to first order that is the misfit of the
-squared distance, times the radial part of the normal, over twice the distance from the axis.
-Coefficients are numbered around first: each row of the equations ends within four rings.
+The residual of a point is its distance along its own normal: to first order the misfit of the
+squared distance times the radial component of the normal over twice the distance from the axis.
+Coefficients are numbered around first: each row of the equations spans four rings.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -19,38 +19,36 @@ from palpate.core.arrays import Floats, Ints
 from palpate.core.rebuild.contours import ContactPoints
 from palpate.core.splines import CUBIC, Basis, PeriodicBasis, bending_around
 
-LEAST_DISTANCE = 0.05  # Least distance from the axis in a point's weight, as a share of the median
-LEAST_FACING = 0.05  # Least radial part of a normal: level faces tell nothing of the distance
-# Radial part of a normal below which a point looks towards the axis, and the share of such points
-# above which sections are not star-shaped about it.
-INWARD, MOST_INWARD = -0.2, 0.03
-RIDGE = 1e-10  # Bounds the condition of the system, over its mean diagonal
-STEPS, STILL = 30, 1e-3  # Of the iterations that estimate a condition number, and their last
-MOST_DEGREE = 3
-MISSES = 0.01  # Of the height: where middles lie farther off a polynomial, the axis is a spline
-
 
 class SideEquations(NamedTuple):
-    """The points that tell of the side."""
+    """Equations of the points on the side."""
 
-    matrix: (
-        scipy.sparse.csr_array
-    )  # (n, along * around): coefficients to distances along the normals, over m
-    target: Floats  # (n,), m
+    # From coefficients to distances along the normals, (n, along * around) [1/m].
+    matrix: scipy.sparse.csr_array
+    target: Floats  # (n,) [m]
     normals: Floats  # (n, 3)
     touch: Ints  # (n,)
-    heights: Floats  # (n,), m
+    heights: Floats  # (n,) [m]
     places: Floats  # (n, 2): along the heights, from 0 to 1, and around in turns
-    middle: float  # Median distance from the axis, m
-    normal: Floats  # Lower band of the normal equations, (band + 1, along * around)
+    middle: float  # median distance from the axis [m]
+    normal: Floats  # lower band of the normal equations, (band + 1, along * around)
 
 
-def looks_inward(contacts: ContactPoints, axis_curve: AxisCurve) -> bool:
-    """Whether too many points look towards the axis for one distance a turn; needs normals."""
+def looks_inward(
+    contacts: ContactPoints,
+    axis_curve: AxisCurve,
+    max_radial: float = -0.2,
+    max_fraction: float = 0.03,
+) -> bool:
+    """Whether too many normals point to the axis: sections are not star-shaped about it.
+
+    More than a fraction of the normals then have a radial component below `max_radial`. False
+    without normals.
+    """
     if contacts.normals is None or not len(contacts.points):
         return False
     _, _, facing = _about(contacts.points, contacts.normals, axis_curve)
-    return bool(np.mean(facing < INWARD) > MOST_INWARD)
+    return bool(np.mean(facing < max_radial) > max_fraction)
 
 
 def side_equations(
@@ -60,41 +58,45 @@ def side_equations(
     high: float,
     along: Basis,
     around: PeriodicBasis,
+    min_facing: float = 0.05,
+    min_distance: float = 0.05,
 ) -> SideEquations:
-    """Equations of the points between two heights, m; those on level faces are left out.
+    """Equations of the points between two heights [m].
 
-    `contacts` have normals; splines along run over 0 to 1. Raises ValueError if no point is left.
+    `contacts` have normals; splines along are over 0 to 1. Points whose normals have a radial
+    component of `min_facing` or less are left out: level faces do not determine the distance.
+    `min_distance` is the least distance from the axis in a point's weight, over the median: next to
+    the axis the first order does not hold, and no point counts more. Raises ValueError if no point
+    is left.
     """
     assert contacts.normals is not None
     away, distance, facing = _about(contacts.points, contacts.normals, axis_curve)
     height = contacts.points[:, 2]
-    within = (height >= low) & (height <= high) & (facing > LEAST_FACING)
-    if not within.any():
+    used = (height >= low) & (height <= high) & (facing > min_facing)
+    if not used.any():
         raise ValueError(f"no contact point lies on the side between {low:g} and {high:g} m")
-    away, distance, facing = away[within], distance[within], facing[within]
+    away, distance, facing, height = away[used], distance[used], facing[used], height[used]
     turns = np.arctan2(away[:, 1], away[:, 0]) / (2.0 * np.pi)
     middle = float(np.median(distance))
-    # Next to the axis the first order is worth nothing: no point counts more than those there.
-    weights = facing / (2.0 * np.maximum(distance, LEAST_DISTANCE * middle))
-    height = height[within]
+    weights = facing / (2.0 * np.maximum(distance, min_distance * middle))
     local = np.clip((height - low) / (high - low), 0.0, 1.0)
     bases = along.matrix(local), around.matrix(turns)
     matrix = tensor_rows(*bases)
     matrix.data *= np.repeat(weights, np.diff(matrix.indptr))
     return SideEquations(
-        matrix,
-        weights * distance**2,
-        contacts.normals[within],
-        contacts.touch[within],
-        height,
-        np.stack([local, turns], axis=-1),
-        middle,
-        normal_band(*bases, weights),
+        matrix=matrix,
+        target=weights * distance**2,
+        normals=contacts.normals[used],
+        touch=contacts.touch[used],
+        heights=height,
+        places=np.stack([local, turns], axis=-1),
+        middle=middle,
+        normal=normal_band(*bases, weights),
     )
 
 
 def _about(points: Floats, normals: Floats, axis_curve: AxisCurve) -> tuple[Floats, Floats, Floats]:
-    """Places (n, 2) about the axis, distances from it, and the radial parts of the normals."""
+    """Places (n, 2) about the axis, distances from it, and radial components of the normals."""
     away = points[:, :2] - axis_curve.at(points[:, 2])
     distance = np.linalg.norm(away, axis=1)
     least = np.finfo(float).eps * max(float(distance.max(initial=0.0)), np.finfo(float).tiny)
@@ -124,52 +126,52 @@ def normal_band(
     Cell by cell: rows of a cell share their columns; products are of pairs along and around.
     """
     reach = CUBIC + 1
-    along, around = (one.indices.reshape(-1, reach) for one in (first, second))
+    along, around = (basis.indices.reshape(-1, reach) for basis in (first, second))
     rings, turns = first.shape[1], second.shape[1]
     cells = along[:, 0] * turns + around[:, 0]
     order = np.argsort(cells, kind="stable")
     begins = np.flatnonzero(np.diff(cells[order], prepend=-1))
-    one, other = np.tril_indices(reach)
+    i, j = np.tril_indices(reach)
     values = (weights[:, None] * first.data.reshape(-1, reach))[order]
-    pairs = values[:, one] * values[:, other]
+    pairs = values[:, i] * values[:, j]
     values = second.data.reshape(-1, reach)[order]
-    products = pairs[:, :, None] * (values[:, one] * values[:, other])[:, None]
+    products = pairs[:, :, None] * (values[:, i] * values[:, j])[:, None]
     sums = np.add.reduceat(products, begins, axis=0)  # (cells, pairs along, pairs around)
     number = np.zeros((reach, reach), np.intp)
-    number[one, other] = number[other, one] = np.arange(len(one))
+    number[i, j] = number[j, i] = np.arange(len(i))
     along, around = along[order[begins]], around[order[begins]]
     left, right = (part.ravel() for part in np.indices((reach, reach)))
-    row = along[:, one, None] * turns + around[:, None, left]
-    column = along[:, other, None] * turns + around[:, None, right]
+    row = along[:, i, None] * turns + around[:, None, left]
+    column = along[:, j, None] * turns + around[:, None, right]
     lower = row >= column
     size = rings * turns
     places = ((row - column) * size + column)[lower]
-    found = np.bincount(places, sums[:, :, number.ravel()][lower], reach * turns * size)
-    return np.asarray(found.reshape(-1, size), np.float64)
+    band = np.bincount(places, sums[:, :, number.ravel()][lower], reach * turns * size)
+    return np.asarray(band.reshape(-1, size), np.float64)
 
 
 @dataclass(frozen=True, eq=False)
 class SideSystem:
-    """A factored system."""
+    """Cholesky factor of the penalised normal equations."""
 
-    factor: Floats  # Lower band of the Cholesky factor, (band + 1, n)
-    norm: float  # Largest row sum of the system
+    factor: Floats  # its lower band, (band + 1, n)
+    norm: float  # largest row sum of the system
 
     def solve(self, right: Floats) -> Floats:
         """Coefficients (n,) or (n, k) for a right-hand side."""
         return scipy.linalg.cho_solve_banded((self.factor, True), right, check_finite=False)
 
     def half(self, rows: Floats) -> Floats:
-        """Half of the solution for each of rows (k, n): products of these are covariances, (k, n).
+        """Rows (k, n) times the inverse factor, (k, n): products of these are covariances.
 
-        By blocks of a ring, for all rows that have begun by then: before its first a row is zero.
+        By blocks of a ring, for all rows whose first entry that is not 0 lies before its end.
         """
         begins = (rows != 0.0).argmax(axis=1)
         order = np.argsort(begins, kind="stable")
         left, begins = rows[order], begins[order]
         factor, (reach, n) = np.asfortranarray(self.factor), self.factor.shape
         ring = reach // (CUBIC + 1)
-        strides = factor.itemsize, (reach - 1) * factor.itemsize  # Of the factor's rows and columns
+        strides = factor.itemsize, (reach - 1) * factor.itemsize  # of the factor's rows and columns
         for at in range(0, n, ring):
             begun = int(np.searchsorted(begins, at + ring))
             own, beyond = slice(at, at + ring), slice(at + ring, at + min(reach, n - at))
@@ -185,15 +187,17 @@ class SideSystem:
         half[order] = left
         return half
 
-    @cached_property
-    def condition(self) -> float:
-        """Condition number to 2 digits, by inverse iteration; more would depend on the machine."""
+    def condition(self, max_steps: int = 30, tolerance: float = 1e-3) -> float:
+        """Condition number to 2 digits, by inverse iteration; more depend on the machine.
+
+        It ends after `max_steps`, or when the norm changes by less than a relative tolerance.
+        """
         vector = np.cos(np.arange(self.factor.shape[1], dtype=float) ** 2)
         before, length = 0.0, 1.0
-        for _ in range(STEPS):
+        for _ in range(max_steps):
             vector = self.solve(vector / np.linalg.norm(vector))
             before, length = length, float(np.linalg.norm(vector))
-            if abs(length - before) < STILL * length:
+            if abs(length - before) < tolerance * length:
                 break
         return float(f"{self.norm * length:.2g}")
 
@@ -204,12 +208,14 @@ def side_system(
     along: tuple[Floats, Floats],
     around: float,
     tension: scipy.sparse.csr_array | None = None,
+    ridge: float = 1e-10,
 ) -> SideSystem:
-    """Normal equations (band + 1, along * around), penalised, with `turns` coefficients around.
+    """Penalised normal equations (band + 1, along * around), with `turns` coefficients around.
 
-    `along` is the strength of the bending along, from knot to knot, (spans,), with the root of the
-    bending, (r, along); `around` the strength of that around. `tension` is the root of one more
-    penalty, (m, along * around). Of strength 1, a penalty has the mean diagonal.
+    `along` is the strength of the bending along in each span, (spans,), with the root of that
+    bending, (r, along); `around` is the strength of the bending around. `tension` is the root of
+    one more penalty, (m, along * around). A penalty of strength 1 has the mean diagonal of the
+    equations; `ridge` is the strength of one on the coefficients, which bounds the condition.
     """
     mean = float(normal[0].mean())
     strengths, root = along
@@ -221,7 +227,7 @@ def side_system(
         band[apart * turns, : len(diagonal)] += diagonal
     if tension is not None:
         band += mean * banded(scipy.sparse.csr_array(tension.T @ tension), _width(turns))
-    band[0] += mean * RIDGE
+    band[0] += mean * ridge
     norm = float(2.0 * np.abs(band).sum(axis=0).max())
     factor: Floats = scipy.linalg.cholesky_banded(
         band, overwrite_ab=True, lower=True, check_finite=False
@@ -257,42 +263,45 @@ def _width(around: int) -> int:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AxisCurve:
-    """x and y of the axis as pieces of a polynomial of the height; beyond them it is upright."""
+    """x and y of the axis as a piecewise polynomial of the height; beyond it is upright."""
 
-    breaks: Floats  # Heights (m + 1,) between which the pieces lie, rising, m
+    breaks: Floats  # heights (m + 1,) between which the pieces lie, rising [m]
     coefficients: Floats  # (degree + 1, m, 2), highest power first, of the height over its break
 
     def at(self, heights: Floats, derivative: int = 0) -> Floats:
-        """Places (n, 2) of the axis at heights (n,), m, or a derivative of them by the height."""
+        """Places (n, 2) of the axis at heights (n,) [m], or a derivative of them by the height."""
         low, high = self.breaks[[0, -1]]
         piece = np.searchsorted(self.breaks[1:-1], heights, side="right")
         above = (np.clip(heights, low, high) - self.breaks[piece])[:, None]
-        found = np.zeros((len(heights), 2))
+        places = np.zeros((len(heights), 2))
         powers = range(len(self.coefficients) - 1, derivative - 1, -1)
         for power, coefficient in zip(powers, self.coefficients, strict=False):
-            found = found * above + math.perm(power, derivative) * coefficient[piece]
+            places = places * above + math.perm(power, derivative) * coefficient[piece]
         if derivative:
-            found[(heights < low) | (heights > high)] = 0.0
-        return found
+            places[(heights < low) | (heights > high)] = 0.0
+        return places
 
 
-def fit_axis_curve(heights: Floats, middles: Floats) -> AxisCurve:
-    """Axis through middles (n, 2) of contours at heights (n,), m, of degree 3 or less.
+def fit_axis_curve(
+    heights: Floats, middles: Floats, max_degree: int = 3, max_misfit: float = 0.01
+) -> AxisCurve:
+    """Axis through middles (n, 2) of contours at heights (n,) [m], a polynomial.
 
-    What is bent more than that, as the stem of a banana, has a natural cubic spline for its axis.
+    Where it misses a middle by more than `max_misfit`, a fraction of the height, the axis is a
+    natural cubic spline: that of a bent object, as a banana's stem.
     """
     low, high = float(heights.min()), float(heights.max())
     levels, first = np.unique(heights, return_index=True)
-    degree = min(MOST_DEGREE, len(levels) - 1)
+    degree = min(max_degree, len(levels) - 1)
     extent = high - low if degree else 1.0
     powers = np.vander((heights - low) / extent, degree + 1)
-    shares = np.linalg.lstsq(powers, middles, rcond=None)[0]
+    solution = np.linalg.lstsq(powers, middles, rcond=None)[0]
     scales = extent ** np.arange(degree, -1, -1.0)
-    axis_curve = AxisCurve(np.array([low, high]), (shares / scales[:, None])[:, None])
-    missed = float(np.linalg.norm(axis_curve.at(heights) - middles, axis=1).max())
-    if missed <= MISSES * (high - low) or len(levels) <= MOST_DEGREE + 1:
+    axis_curve = AxisCurve(np.array([low, high]), (solution / scales[:, None])[:, None])
+    misfit = float(np.linalg.norm(axis_curve.at(heights) - middles, axis=1).max())
+    if misfit <= max_misfit * (high - low) or len(levels) <= max_degree + 1:
         return axis_curve
-    from scipy.interpolate import CubicSpline  # Seldom, and slow to import
+    from scipy.interpolate import CubicSpline  # rare, and slow to import
 
     bent = CubicSpline(levels, middles[first], bc_type="natural")
     return AxisCurve(levels, np.asarray(bent.c))

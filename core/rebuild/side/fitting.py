@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -11,8 +11,10 @@ from numpy.typing import ArrayLike
 
 from palpate.core.arrays import Floats, finite_array
 from palpate.core.rebuild.side.smoothing import (
+    DEFAULT_SMOOTHING,
     Smoothed,
     SmoothingAxis,
+    SmoothingSettings,
     smooth,
     smoothing_axis,
 )
@@ -23,59 +25,76 @@ from palpate.core.rebuild.side.surfaces import (
 )
 from palpate.core.splines import Basis, PeriodicBasis, bending_along, bending_around
 
-MOST_AROUND = 128  # Coefficients around
-LEAST_ROWS = 5  # With fewer rows and poles only ends with a pole can be round
-CAUTION = 1.2  # Of the choice of strengths, where residuals of rows do not resemble each other
-MANY_ROWS, ALIKE = 12, 0.25  # Rows from which on that is told, correlation above which they do
-# Swing from which on rows are tried in another parameter, and how much of it may be left then. Of
-# smooth objects it stays below a quarter or so, however few rows there are.
-SWINGS, CALMER = 0.5, 0.5
-# Of the way along the surface; less of it is calmer where steps are of many lengths: Lee, *Choosing
-# nodes in parametric curve interpolation*, 1989.
-POWERS = (1.0, 0.5, 0.25)
-SLIGHT = 0.05  # Of the size: swings below half of that are noise
-STILL = 1e-9  # Slope around, over the size, of a contour that is a point
-# Rows from which on the way along the surface is tried as the parameter without need, and how much
-# better it must predict rows.
-LEAST_PACED, FAR_BETTER = 8, 0.72
-PREDICTED = 0.01  # Of the size: rows that are predicted as well as this lie close enough together
-LEAST_TURNS = 4
-Poles = tuple[Floats | None, Floats | None]  # Where a surface closes in a point, (2,), m
+Poles = tuple[Floats | None, Floats | None]  # where a surface closes in a point, (2,) [m]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ContourFitSettings:
+    """Which parameter along the axis contours are fitted in, and how cautiously."""
+
+    max_around: int = 128  # coefficients around
+    min_round_rows: int = 5  # rows and poles; of fewer, only ends with a pole are round
+    caution: float = 1.2  # weight of a degree of freedom, if residuals of rows are not alike
+    min_caution_rows: int = 12  # rows, for their likeness to be known
+    max_likeness: float = 0.25  # correlation of neighbouring rows' residuals that are not alike
+    # Rows of a larger swing are tried in another parameter, which is taken if it leaves less than a
+    # ratio of the swing. Of smooth objects the swing is about 0.25, however few the rows.
+    max_swing: float = 0.5
+    max_swing_ratio: float = 0.5
+    # Powers of the arc length along the surface; lower ones are calmer where steps have many
+    # lengths: Lee, *Choosing nodes in parametric curve interpolation*, 1989.
+    powers: tuple[float, ...] = (1.0, 0.5, 0.25)
+    # Rows of a small swing, if there are as many, are tried in the arc length, too, which is taken
+    # if it predicts rows better by a ratio.
+    min_rows: int = 8
+    max_error_ratio: float = 0.72
+    min_error: float = 0.01  # fraction of the size; rows that are predicted better are close enough
+    smoothing: SmoothingSettings = DEFAULT_SMOOTHING
+
+
+DEFAULT_CONTOUR_FIT = ContourFitSettings()
 
 
 class ContourFit(NamedTuple):
-    """A smoothed grid and what its coefficients belong to."""
+    """A smoothed grid, and the basis of its coefficients."""
 
-    axial_parameter: AxialParameter  # Parameter along the axis
-    caution: float  # Of the choice of strengths
-    along: Basis  # Splines along it
-    sites: Floats  # Parameters (m,) of rows and poles, rising
-    smoothed: Smoothed  # The smoothing, of the rows about the line between the poles
-    control: Floats  # Coefficients (n, k, 2), those of the poles among them
-    axis: Floats  # Places (m, 2) of the line between the poles at the rows; 0 without poles
+    axial_parameter: AxialParameter  # parameter along the axis
+    caution: float  # of the choice of strengths
+    along: Basis  # splines along it
+    sites: Floats  # parameters (m,) of rows and poles, rising
+    smoothed: Smoothed  # the rows, about the line between the poles
+    control: Floats  # coefficients (n, k, 2), those of the poles among them
+    axis: Floats  # places (m, 2) of the line between the poles at the rows; 0 without poles
 
     def fitted(self) -> Floats:
         """The smoothed rows, (m, k, 2)."""
         return self.smoothed.fitted + self.axis[:, None]
 
-    def across(self) -> Floats:
-        """Unit vectors (m, k, 2) across the smoothed rows, outwards; 0 where a row is a point."""
+    def across(self, min_slope: float = 1e-9) -> Floats:
+        """Outward unit vectors (m, k, 2) across the smoothed rows.
+
+        They are 0 where a row is a point: its slope around, over the size, is below `min_slope`.
+        """
         kept = self.smoothed.kept * self.smoothed.parts
         rows = self.smoothed.along.modes.shapes @ kept
         around = self.smoothed.around
-        slopes = _periodic_slopes(len(around.modes.shapes)) @ around.modes.control
+        slopes = _periodic_slopes(len(around.modes.control), len(around.modes.shapes))
+        slopes = slopes @ around.modes.control
         x, y = rows @ slopes.T
         length = np.hypot(x, y)
-        moving = length > STILL
+        moving = length > min_slope
         length = np.where(moving, length, 1.0)
         return np.stack([y / length * moving, -x / length * moving], axis=-1)
 
     def off(self, grid: Floats, across: Floats) -> Floats:
-        """Distances of rows from the fit along unit vectors across, (m, k)."""
+        """Distances (m, k) of rows from the fit along unit vectors `across`."""
         return np.asarray(np.einsum("mkd,mkd->mk", grid - self.fitted(), across))
 
-    def swing(self) -> float:
-        """How far it leaves the middle between two rows, at most, over how far these differ."""
+    def swing(self, min_step: float = 0.05) -> float:
+        """Largest distance from the middle between two rows, over the distance of these.
+
+        `min_step`, a fraction of the size, is added to the latter: small swings are noise.
+        """
         rows = self.along.matrix(self.sites) @ self.control.reshape(self.along.count, -1)
         middles = 0.5 * (self.sites[1:] + self.sites[:-1])
         between = self.along.matrix(middles) @ self.control.reshape(self.along.count, -1)
@@ -85,10 +104,10 @@ class ContourFit(NamedTuple):
         beside = np.pad(steps, 1)
         near = np.maximum(steps, np.maximum(beside[2:], beside[:-2]))
         away = _longest(between - 0.5 * (rows[1:] + rows[:-1]))
-        return float((away / (near + SLIGHT)).max())
+        return float((away / (near + min_step)).max())
 
     def likeness(self, grid: Floats) -> float:
-        """Correlation of neighbouring rows' residuals, given the rows (m, k, 2): noise has none."""
+        """Correlation of neighbouring rows' residuals, of the rows (m, k, 2): noise has none."""
         off = self.off(grid, self.across())
         below, above = off[:-1], off[1:]
         size = np.sqrt(np.square(below).sum() * np.square(above).sum())
@@ -96,61 +115,73 @@ class ContourFit(NamedTuple):
 
 
 @lru_cache(maxsize=8)
-def _periodic_slopes(count: int) -> Floats:
-    periodic = PeriodicBasis(min(count, MOST_AROUND))
-    slopes: Floats = periodic.matrix(np.arange(count) / count, 1).toarray()
+def _periodic_slopes(n_around: int, count: int) -> Floats:
+    """Derivatives (count, n_around) of the periodic basis at even turns."""
+    slopes: Floats = PeriodicBasis(n_around).matrix(np.arange(count) / count, 1).toarray()
     slopes.setflags(write=False)
     return slopes
 
 
 def _longest(rows: Floats) -> Floats:
-    """The longest vector (m,) in rows (m, 2 k) of x and y in turn."""
+    """Length (m,) of the longest vector in rows (m, 2 k), which alternate x and y."""
     return np.asarray(np.hypot(rows[:, ::2], rows[:, 1::2]).max(axis=1))
 
 
-def fit_rows(rows: ContourRows, low: float, high: float, noise: float | None) -> ContourFit:
-    """Fit rows in the height, or in the latitude, with which they agree better.
+def fit_rows(
+    rows: ContourRows,
+    low: float,
+    high: float,
+    noise: float | None,
+    settings: ContourFitSettings = DEFAULT_CONTOUR_FIT,
+) -> ContourFit:
+    """Fit rows in the height, the latitude, or round only at poles, whichever predicts rows best.
 
-    The third way is to be round only where there is a pole. Each end by itself is not left to the
-    rows to decide: there the choice costs more than it gains. `low` and `high` are the ends'
-    heights, m; `noise` is a coordinate's deviation in the unit of the rows, if it is known.
+    Each end by itself is not chosen by the rows: that costs more than it gains. Rows that swing, or
+    are predicted badly, are tried in the arc length along the surface as well. `low` and `high` are
+    the heights of the ends [m]; `noise` is a coordinate's standard deviation in the unit of the
+    rows, if it is known.
     """
     below, above = (pole is not None for pole in rows.poles)
     trials = [(below, above)]
-    if len(rows.heights) + below + above >= LEAST_ROWS:
+    if len(rows.heights) + below + above >= settings.min_round_rows:
         trials += [both for both in ((False, False), (True, True)) if both != trials[0]]
     candidates = [AxialParameter(low, high, ends) for ends in trials]
-    fit = _careful(rows, candidates, noise)
+
+    def by_length(power: float) -> ContourFit:
+        parameters = [reparametrised(rows, candidate, power) for candidate in candidates]
+        return _careful(rows, parameters, noise, settings)
+
+    fit = _careful(rows, candidates, noise, settings)
     swing = fit.swing()
-    if swing <= SWINGS:  # to follow the way along the surface must predict rows far better
-        error = _prediction_error(fit)
-        if len(rows.heights) < LEAST_PACED or error**2 / np.sqrt(rows.grid.shape[1]) < PREDICTED:
-            return fit
-        mapped = _careful(rows, [reparametrised(rows, one, 1.0) for one in candidates], noise)
-        return mapped if _prediction_error(mapped) < FAR_BETTER * error else fit
-    attempts = [
-        _careful(rows, [reparametrised(rows, one, power) for one in candidates], noise)
-        for power in POWERS
-    ]
-    mapped = min(attempts, key=ContourFit.swing)
-    return mapped if mapped.swing() < CALMER * swing else fit
+    if not swing <= settings.max_swing:
+        calmest = min(map(by_length, settings.powers), key=ContourFit.swing)
+        return calmest if calmest.swing() < settings.max_swing_ratio * swing else fit
+    error = _prediction_error(fit)
+    is_close = error**2 / np.sqrt(rows.grid.shape[1]) < settings.min_error
+    if len(rows.heights) < settings.min_rows or is_close:
+        return fit
+    paced = by_length(1.0)
+    return paced if _prediction_error(paced) < settings.max_error_ratio * error else fit
 
 
 def _careful(
-    rows: ContourRows, candidates: list[AxialParameter], noise: float | None
+    rows: ContourRows,
+    candidates: list[AxialParameter],
+    noise: float | None,
+    settings: ContourFitSettings,
 ) -> ContourFit:
-    """The best of some parameters, with caution where noise is not shared by rows."""
-    if noise is None and len(rows.heights) >= MANY_ROWS:
-        fit = _best(rows, candidates, noise, CAUTION)
-        if abs(fit.likeness(rows.grid)) < ALIKE:
+    """The best of some parameters, with caution where the residuals of rows are not alike."""
+    if noise is None and len(rows.heights) >= settings.min_caution_rows:
+        fit = _best(rows, candidates, noise, settings.caution, settings)
+        if abs(fit.likeness(rows.grid)) < settings.max_likeness:
             return fit
-    return _best(rows, candidates, noise, 1.0)
+    return _best(rows, candidates, noise, 1.0, settings)
 
 
 def reparametrised(
     rows: ContourRows, axial_parameter: AxialParameter, power: float
 ) -> AxialParameter:
-    """The same parameter, but running by a power of the way from row to row along the surface."""
+    """The same parameter with steps of a power of the arc length from row to row."""
     low, high, grid = axial_parameter.low, axial_parameter.high, rows.grid
     places = axial_parameter.of(np.concatenate([[low], rows.heights, [high]]))
     first, last = (
@@ -167,29 +198,45 @@ def reparametrised(
     return replace(axial_parameter, reparametrisation=through)
 
 
-def fit_heights_or_round(rows: ContourRows, low: float, high: float) -> ContourFit:
-    """Fit rows in the height or the latitude, whatever their poles, steps and shared noise."""
+def fit_heights_or_round(
+    rows: ContourRows,
+    low: float,
+    high: float,
+    settings: ContourFitSettings = DEFAULT_CONTOUR_FIT,
+) -> ContourFit:
+    """Fit rows in the height or the latitude, without regard to poles, swing and likeness."""
     both = [AxialParameter(low, high, ends) for ends in ((False, False), (True, True))]
-    return _best(rows, both if len(rows.heights) >= LEAST_ROWS else both[:1], None, 1.0)
+    candidates = both if len(rows.heights) >= settings.min_round_rows else both[:1]
+    return _best(rows, candidates, None, 1.0, settings)
 
 
 def _best(
-    rows: ContourRows, candidates: list[AxialParameter], noise: float | None, caution: float
+    rows: ContourRows,
+    candidates: list[AxialParameter],
+    noise: float | None,
+    caution: float,
+    settings: ContourFitSettings,
 ) -> ContourFit:
-    fits = [fit_axial_parameter(rows, one, noise, caution) for one in candidates]
+    """The fit with the least prediction error."""
+    how = noise, caution, settings
+    fits = [fit_axial_parameter(rows, candidate, *how) for candidate in candidates]
     return min(fits, key=_prediction_error)
 
 
 def _prediction_error(fit: ContourFit) -> float:
-    """By how much the others predict the inner rows wrongly: a mean of roots, for steps."""
+    """Error of the inner rows' prediction by the others: a mean of roots, robust to steps."""
     inner = fit.smoothed.missed[1:-1]
     return float(np.sqrt(inner).mean()) if len(inner) else fit.smoothed.score
 
 
 def fit_axial_parameter(
-    rows: ContourRows, axial_parameter: AxialParameter, noise: float | None, caution: float = 1.0
+    rows: ContourRows,
+    axial_parameter: AxialParameter,
+    noise: float | None,
+    caution: float = 1.0,
+    settings: ContourFitSettings = DEFAULT_CONTOUR_FIT,
 ) -> ContourFit:
-    """Fit rows in a given parameter; `caution` is that of `smooth`."""
+    """Fit rows in one parameter along the axis; `noise` and `caution` are those of `smooth`."""
     below, above = rows.poles
     ends = axial_parameter.of(np.array([axial_parameter.low, axial_parameter.high]))
     places = axial_parameter.of(rows.heights)
@@ -201,10 +248,11 @@ def fit_axial_parameter(
     line = _line(along, below, above)
     smoothed = smooth(
         rows.grid - (matrix @ line)[:, None],
-        smoothing_axis(matrix[:, inner], root[:, inner]),
-        around_axis(rows.grid.shape[1]),
+        smoothing_axis(matrix[:, inner], root[:, inner], settings.smoothing),
+        around_axis(rows.grid.shape[1], settings.max_around, settings.smoothing),
         noise=noise,
         caution=caution,
+        settings=settings.smoothing,
     )
     control = np.repeat(line[:, None], smoothed.around.weight.shape[0], axis=1)
     control[inner] += smoothed.coefficients
@@ -212,7 +260,7 @@ def fit_axial_parameter(
 
 
 def _line(along: Basis, below: Floats | None, above: Floats | None) -> Floats:
-    """Coefficients (n, 2) of the line between the poles; it bends nothing."""
+    """Coefficients (n, 2) of the line between the poles; adding it changes no bending."""
     start, end = below if below is not None else above, above if above is not None else below
     if start is None or end is None:
         return np.zeros((along.count, 2))
@@ -222,30 +270,30 @@ def _line(along: Basis, below: Floats | None, above: Floats | None) -> Floats:
 
 
 @lru_cache(maxsize=8)
-def around_axis(count: int) -> SmoothingAxis:
-    """The axis around of a grid with so many even turns."""
-    periodic = PeriodicBasis(min(count, MOST_AROUND))
+def around_axis(count: int, max_around: int, settings: SmoothingSettings) -> SmoothingAxis:
+    """Axis around of a grid with `count` even turns."""
+    periodic = PeriodicBasis(min(count, max_around))
     basis = periodic.matrix(np.arange(count) / count).toarray()
-    return smoothing_axis(basis, bending_around(periodic.count))
+    return smoothing_axis(basis, bending_around(periodic.count), settings)
 
 
 class ContourRows(NamedTuple):
     """M contours of K points in a unit of their own."""
 
-    heights: Floats  # (M,), rising, m
+    heights: Floats  # (M,), rising [m]
     grid: Floats  # (M, K, 2), about `middle`, over `size`
-    poles: Poles  # Below and above, in the unit of the grid
-    middle: Floats  # (2,), m
-    size: float  # Largest coordinate about the middle, m
+    poles: Poles  # below and above, in the unit of the grid
+    middle: Floats  # (2,) [m]
+    size: float  # largest coordinate about the middle [m]
 
     @property
     def spacing(self) -> float:
-        """Largest distance between neighbours, m; 0 if there is one."""
+        """Largest distance between neighbours [m]; 0 of a single contour."""
         return float(np.diff(self.heights).max(initial=0.0))
 
     @property
     def with_poles(self) -> Floats:
-        """The grid with a row of K times its place for each pole."""
+        """The grid with one more row for each pole: K times its place."""
         below, above = (
             self.grid[:0] if pole is None else np.broadcast_to(pole, (1, *self.grid.shape[1:]))
             for pole in self.poles
@@ -259,7 +307,7 @@ def contour_rows(
     """Rows of a grid at rising heights.
 
     Raises ValueError if shapes do not fit, a number is not finite, heights do not rise, or a
-    contour lies outside `low` to `high`, or at an end that is to be a pole.
+    contour lies outside `low` to `high`, or at an end that is a pole.
     """
     heights = finite_array("heights", heights, (None,))
     grid = finite_array("grid", grid, (len(heights), None, 2))
@@ -271,13 +319,14 @@ def contour_rows(
             f"heights must lie from low {low:g} to high {high:g} m, got {lowest:g} to {highest:g}"
         )
     gaps = (lowest - low, high - highest)
-    for one, gap, name in zip(pole, gaps, ("low", "high"), strict=True):
-        if one is not None and not gap > 0.0:
+    for place, gap, name in zip(pole, gaps, ("low", "high"), strict=True):
+        if place is not None and not gap > 0.0:
             raise ValueError(f"a pole must lie beyond the last contour, got both at {name}")
     middle = 0.5 * (grid.min(axis=(0, 1)) + grid.max(axis=(0, 1)))
     size = float(np.abs(grid - middle).max()) or 1.0
     rows = (grid - middle) / size
     below, above = (
-        None if one is None else (finite_array("pole", one, (2,)) - middle) / size for one in pole
+        None if place is None else (finite_array("pole", place, (2,)) - middle) / size
+        for place in pole
     )
     return ContourRows(heights, rows, (below, above), middle, size)

@@ -1,11 +1,12 @@
-"""Smoothing of values on a grid, and what may be wrong between its lines.
+"""Smoothing of values on a grid, and the error of a surface between its lines.
 
 The smoother is the product of one along and one around; in the bases in which each is diagonal
-(see `demmler_reinsch`), every pair of strengths is judged by sums alone. Each penalty is given
-by a root, a matrix whose product with the coefficients has the penalty as its sum of squares. A
-smoother knows its noise, not what happens where nobody touched: each contour is predicted from
-its neighbours, and by how much it misses, less the noise, is what a surface may miss at about
-twice the spacing; how that grows with the spacing tells how much of it is left at once.
+(see `demmler_reinsch`), every pair of strengths is scored by sums alone. Each penalty is given by a
+root, a matrix whose product with the coefficients has the penalty as its sum of squares. A smoother
+estimates its noise, not the surface where nothing was touched: each contour is predicted from its
+neighbours, and the error of that, less the noise, is what a surface may be off by at about twice
+the spacing. The growth of the error with the spacing shows how much of it is left at the spacing
+itself.
 """
 
 from __future__ import annotations
@@ -19,30 +20,54 @@ from palpate.core.arrays import Floats, finite_array
 from palpate.core.rebuild.contours import neighbour_weights
 from palpate.core.splines import Modes, demmler_reinsch
 
-STRENGTHS = 61  # Strengths that are tried along each axis
-# Times the stiffness of the stiffest mode, and of the most yielding one: from leaving values as
-# they are to leaving nothing that bends.
-WEAKEST, STRONGEST = 1e-6, 1e4
-LEAST_SPARE = 1e-9  # Share of freedom left where caution allows none: never the best score
-FLAT = 1e-12  # Stiffness, over the mean, of what does not bend
-NEAR = 0.2  # Width around a contour over which its misses are averaged, rad
-DECAYING = 9  # Contours from which on the decay with the spacing is measured
-DECAY, LEAST_DECAY, MOST_DECAY = 0.4, 0.1, 0.7  # Of a miss at half the spacing: by default, limits
-WORST = 0.25  # Share of the contours, those missed most, by which the decay is measured
-# Of more contours than so many it counts less, in proportion, for the surface agrees with them over
-# more than two spacings; and how much at least. Set on shapes of several kinds, such that 95 of 100
-# points lie in the band of 95 %.
-FEW, LEAST_TRUST = 9, 1 / 3
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SmoothingSettings:
+    """Which strengths of smoothing are tried."""
+
+    n_strengths: int = 61  # along each axis
+    # Strengths from one over the stiffest mode's stiffness, which leaves values unchanged, to one
+    # over the most compliant mode's, which leaves nothing that bends.
+    min_strength: float = 1e-6
+    max_strength: float = 1e4
+    flat_tolerance: float = 1e-12  # stiffness, over the mean, of a mode that does not bend
+    min_spare: float = 1e-9  # fraction of the freedom left, if caution leaves none: the worst score
+
+
+DEFAULT_SMOOTHING = SmoothingSettings()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BetweenSettings:
+    """How the error between contours is estimated.
+
+    The reduction by many contours was set on shapes of several kinds, such that 95 of 100 points
+    lie in the band of 95 %.
+    """
+
+    azimuth_width: float = 0.2  # [rad] standard deviation of the average around a contour
+    min_decay_contours: int = 9  # from which on the decay with the spacing is measured
+    default_decay: float = 0.4  # ratio of the error at half the spacing
+    min_decay: float = 0.1
+    max_decay: float = 0.7
+    worst_fraction: float = 0.25  # of the contours, those with the largest errors, that show it
+    # Of more contours the error is reduced in proportion: the surface follows them over more than
+    # two spacings.
+    max_full_contours: int = 9
+    min_reduction: float = 1 / 3
+
+
+DEFAULT_BETWEEN = BetweenSettings()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SmoothingAxis:
-    """One way along a grid, prepared for any values."""
+    """One axis of a grid, prepared for any values."""
 
-    modes: Modes  # Its modes
-    weight: Floats  # Quadratic form of the fit, over its mean diagonal, (n, n)
-    bending: Floats  # Quadratic form of the penalty, in the same measure, (n, n)
-    strengths: Floats  # Those that are tried, (s,), rising
+    modes: Modes
+    weight: Floats  # quadratic form of the fit, over its mean diagonal, (n, n)
+    bending: Floats  # quadratic form of the penalty, over its mean diagonal, (n, n)
+    strengths: Floats  # that are tried, (s,), rising
 
     def condition(self, strength: float) -> float:
         """Condition number of the matrix from coefficients to values and bending."""
@@ -54,15 +79,15 @@ class SmoothingAxis:
 class Smoothed:
     """Values on a grid, smoothed."""
 
-    along: SmoothingAxis  # The first axis
-    around: SmoothingAxis  # The second one
-    parts: Floats  # What the modes hold of the values, (d, r, q)
-    kept: Floats  # Share of each that was kept, (r, q)
-    strengths: tuple[float, float]  # Along and around, against the mean weight of the values
-    spare: float  # Values less degrees of freedom, of each component
-    freedom: float  # Degrees of freedom spent on each component
-    sigma: float  # Estimate of the noise: standard deviation of one component
-    score: float  # By which the strengths were chosen; the least is best for the same values
+    along: SmoothingAxis  # first axis
+    around: SmoothingAxis  # second axis
+    parts: Floats  # components of the values in the modes, (d, r, q)
+    kept: Floats  # fraction of each that is kept, (r, q)
+    strengths: tuple[float, float]  # along and around, over the mean weight of the values
+    spare: float  # number of values less degrees of freedom, of each component
+    freedom: float  # degrees of freedom spent on each component
+    sigma: float  # estimated standard deviation of one component
+    score: float  # by which the strengths were chosen; the least is best for the same values
 
     @property
     def coefficients(self) -> Floats:
@@ -84,7 +109,7 @@ class Smoothed:
 
     @property
     def missed(self) -> Floats:
-        """By how much each line along is predicted wrongly by the others, (m,)."""
+        """Error (m,) of the prediction of each line along by the others."""
         (lost,) = self.along.modes.lost(np.array(self.strengths[:1]))
         (held,) = self.around.modes.kept(np.array(self.strengths[1:]))
         shapes = self.along.modes.shapes
@@ -104,16 +129,20 @@ class Smoothed:
         return np.asarray(rows @ self.kept @ columns.T)
 
 
-def smoothing_axis(basis: Floats, root: Floats) -> SmoothingAxis:
+def smoothing_axis(
+    basis: Floats, root: Floats, settings: SmoothingSettings = DEFAULT_SMOOTHING
+) -> SmoothingAxis:
     """Prepare one axis of a grid.
 
     By basis functions (m, n) at its lines, and the root (r, n) of the penalty.
     """
     weight, bending = _measured(basis), _measured(root)
     modes = demmler_reinsch(weight, bending, basis)
-    stiff = modes.stiffness[modes.stiffness > FLAT]
-    weakest, strongest = (WEAKEST / stiff.max(), STRONGEST / stiff.min()) if len(stiff) else (1, 1)
-    return SmoothingAxis(modes, weight, bending, np.geomspace(weakest, strongest, STRENGTHS))
+    stiff = modes.stiffness[modes.stiffness > settings.flat_tolerance]
+    limits = (1.0, 1.0)
+    if len(stiff):
+        limits = settings.min_strength / stiff.max(), settings.max_strength / stiff.min()
+    return SmoothingAxis(modes, weight, bending, np.geomspace(*limits, settings.n_strengths))
 
 
 def _measured(root: Floats) -> Floats:
@@ -130,18 +159,19 @@ def smooth(
     *,
     noise: float | None = None,
     caution: float = 1.0,
+    settings: SmoothingSettings = DEFAULT_SMOOTHING,
 ) -> Smoothed:
     """Smooth values (m, l, d) on a grid: d components at each crossing of m and l lines.
 
     `noise` is the standard deviation of a component, if it is known: the strengths are then those
     of the least expected error, otherwise those of generalised cross-validation (Craven and Wahba,
-    *Smoothing noisy data with spline functions*, 1979, for both at once). There, `caution` is how
-    much a degree of freedom counts, at least 1: more guards against following noise that neighbours
-    share, at the price that values cannot be passed; of 1.2, up to five sixths of them are spent
-    (Kim and Gu, *Smoothing spline Gaussian regression*, 2004). Nothing is subtracted from almost
-    the same, so that the score has its limit (of leaving one out) where as many degrees of freedom
-    are spent as there are values. Raises ValueError if the shape does not fit the axes, a value is
-    not finite, the noise is negative or not finite, or the caution is below 1.
+    *Smoothing noisy data with spline functions*, 1979, for both at once). There `caution` is the
+    weight of a degree of freedom, at least 1: a larger one prevents following noise that neighbours
+    share, but values cannot be passed; of 1.2, up to five sixths of them are spent (Kim and Gu,
+    *Smoothing spline Gaussian regression*, 2004). Sums avoid cancellation, so that the score has
+    its limit, that of leaving one out, where all degrees of freedom are spent. Raises ValueError if
+    the shape does not fit the axes, a value is not finite, the noise is negative or not finite, or
+    the caution is below 1.
     """
     lines = len(along.modes.shapes), len(around.modes.shapes)
     values = finite_array("values", values, (*lines, None))
@@ -151,30 +181,36 @@ def smooth(
         raise ValueError(f"caution must be at least 1 and finite, got {caution}")
     grids = values.transpose(2, 0, 1)
     parts = along.modes.shapes.T @ grids @ around.modes.shapes
-    beyond = grids - along.modes.shapes @ parts @ around.modes.shapes.T
+    rest = grids - along.modes.shapes @ parts @ around.modes.shapes.T
     squares, spare = _trials(along, around, np.square(parts).sum(axis=0))
-    squares += np.square(beyond).sum()
-    spare += lines[0] * lines[1] - parts[0].size
+    squares += np.square(rest).sum()
+    count = lines[0] * lines[1]
+    spare += count - parts[0].size
     if noise is None:
-        sparing = spare - (caution - 1.0) * (lines[0] * lines[1] - spare)
-        scores = squares / np.square(np.maximum(sparing, LEAST_SPARE * spare))
+        scores = squares / np.square(_cautious(spare, count, caution, settings.min_spare))
     else:
         scores = squares / len(parts) - 2.0 * noise**2 * spare
-    first, second = np.unravel_index(np.argmin(scores), scores.shape)
-    strengths = float(along.strengths[first]), float(around.strengths[second])
+    best = np.unravel_index(np.argmin(scores), scores.shape)
+    strengths = float(along.strengths[best[0]]), float(around.strengths[best[1]])
     kept = along.modes.kept(np.array(strengths[:1])).T * around.modes.kept(np.array(strengths[1:]))
-    left = float(spare[first, second])
+    left = float(spare[best])
     return Smoothed(
-        along=along,
-        around=around,
-        parts=parts,
-        kept=kept,
-        strengths=strengths,
+        along,
+        around,
+        parts,
+        kept,
+        strengths,
         spare=left,
-        freedom=lines[0] * lines[1] - left,
-        sigma=float(np.sqrt(squares[first, second] / (len(parts) * left))),
-        score=float(scores[first, second]),
+        freedom=count - left,
+        sigma=float(np.sqrt(squares[best] / (len(parts) * left))),
+        score=float(scores[best]),
     )
+
+
+def _cautious(spare: Floats, count: int, caution: float, min_spare: float) -> Floats:
+    """Freedom left of `count` values, if each degree that is spent counts as `caution` does."""
+    left = spare - (caution - 1.0) * (count - spare)
+    return np.asarray(np.maximum(left, min_spare * spare))
 
 
 def _trials(along: SmoothingAxis, around: SmoothingAxis, squares: Floats) -> tuple[Floats, Floats]:
@@ -189,76 +225,90 @@ def _trials(along: SmoothingAxis, around: SmoothingAxis, squares: Floats) -> tup
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BetweenContours:
-    """Squares of what a surface may miss between contours."""
+    """Squared error of a surface between contours."""
 
-    sites: Floats  # Parameters of the contours along the axis, rising, (m,)
-    squares: Floats  # Squared misses of each contour, noise taken off, at even turns, (m, k)
-    share: float  # Of a miss that is to be expected midway between contours
+    sites: Floats  # parameters of the contours along the axis, rising, (m,)
+    squares: Floats  # squared prediction errors of each contour, less noise, at even turns, (m, k)
+    share: float  # ratio of the error midway between contours to the prediction error
 
-    def variance(self, places: Floats, turns: Floats) -> Floats:
-        """On a grid (a, b) of parameters and turns: 0 at contours, most midway."""
+    def variance(
+        self, places: Floats, turns: Floats, settings: BetweenSettings = DEFAULT_BETWEEN
+    ) -> Floats:
+        """On a grid (a, b) of parameters and turns: 0 at contours, largest midway."""
         count = len(self.sites)
         if count < 2:
             return np.zeros((len(places), len(turns)))
-        squares = self.squares @ _nearby(turns, self.squares.shape[1]).T
+        nearby = _nearby(turns, self.squares.shape[1], settings.azimuth_width)
+        squares = self.squares @ nearby.T
         first = np.clip(np.searchsorted(self.sites, places) - 1, 0, count - 2)
-        share = (places - self.sites[first]) / np.diff(self.sites)[first]
-        inside = self.share**2 * np.clip(4.0 * share * (1.0 - share), 0.0, None)
-        beyond = np.square(np.maximum(np.maximum(-share, share - 1.0), 0.0))
+        fraction = (places - self.sites[first]) / np.diff(self.sites)[first]
+        inside = self.share**2 * np.clip(4.0 * fraction * (1.0 - fraction), 0.0, None)
+        outside = np.square(np.maximum(np.maximum(-fraction, fraction - 1.0), 0.0))
         worse = np.maximum(squares[first], squares[first + 1])
-        outer = np.where((share > 1.0)[:, None], squares[first + 1], squares[first])
-        return np.asarray(inside[:, None] * worse + beyond[:, None] * outer)
+        outer = np.where((fraction > 1.0)[:, None], squares[first + 1], squares[first])
+        return np.asarray(inside[:, None] * worse + outside[:, None] * outer)
 
 
 def between_contours(
-    sites: Floats, contours: Floats, across: Floats, sigma: float
+    sites: Floats,
+    contours: Floats,
+    across: Floats,
+    sigma: float,
+    settings: BetweenSettings = DEFAULT_BETWEEN,
 ) -> BetweenContours:
-    """Judge how far a surface through contours (m, k, 2), at even turns, can be trusted.
+    """Estimate the error between contours (m, k, 2), at even turns, of a surface through them.
 
     At rising parameters `sites` (m,) along the axis; `across` (m, k, 2) are unit vectors across the
     contours, 0 where one is a point, and `sigma` is the standard deviation of the noise across.
     """
-    one = _misses(sites, contours, across)
+    squares, gains = _prediction_errors(sites, contours, across)
     width = contours.shape[1]
-    nearby = _nearby(np.arange(width) / width, width)
-    squares = np.maximum(one[0] @ nearby.T - one[1][:, None] * sigma**2, 0.0)
-    trust = float(np.clip(FEW / len(sites), LEAST_TRUST, 1.0))
-    decay = DECAY
-    if len(sites) >= DECAYING:
+    nearby = _nearby(np.arange(width) / width, width, settings.azimuth_width)
+    own = np.maximum(squares @ nearby.T - gains[:, None] * sigma**2, 0.0)
+    reduction = settings.max_full_contours / len(sites)
+    reduction = float(np.clip(reduction, settings.min_reduction, 1.0))
+    decay = settings.default_decay
+    if len(sites) >= settings.min_decay_contours:
         # The same from every other contour, at twice the spacing.
         twice = np.empty(contours.shape[:2]), np.empty(len(sites))
         for part in (slice(0, None, 2), slice(1, None, 2)):
-            twice[0][part], twice[1][part] = _misses(sites[part], contours[part], across[part])
-        decay = _decay(one, twice, sigma)
-    return BetweenContours(sites, squares, trust * decay)
+            errors = _prediction_errors(sites[part], contours[part], across[part])
+            twice[0][part], twice[1][part] = errors
+        decay = _decay((squares, gains), twice, sigma, settings)
+    return BetweenContours(sites, own, reduction * decay)
 
 
-def _nearby(turns: Floats, count: int) -> Floats:
-    """Weights (b, k) of even turns in an average about turns (b,)."""
+def _nearby(turns: Floats, count: int, width: float) -> Floats:
+    """Weights (b, k) of even turns in an average of a width [rad] about turns (b,)."""
     away = turns[:, None] - np.arange(count) / count
     angle = 2.0 * np.pi * (away - np.round(away))
-    weights = np.exp(-0.5 * np.square(angle / NEAR))
+    weights = np.exp(-0.5 * np.square(angle / width))
     return np.asarray(weights / weights.sum(axis=1, keepdims=True))
 
 
-def _decay(one: tuple[Floats, Floats], two: tuple[Floats, Floats], sigma: float) -> float:
-    """Miss at half the spacing over that at the whole, where they are largest."""
+def _decay(
+    at_once: tuple[Floats, Floats],
+    at_twice: tuple[Floats, Floats],
+    sigma: float,
+    settings: BetweenSettings,
+) -> float:
+    """Ratio of the error at the spacing to that at twice, where they are largest."""
     inner = slice(2, -2)
     near, far = (
-        np.maximum(squares[inner].mean(axis=1) - gain[inner] * sigma**2, 0.0)
-        for squares, gain in (one, two)
+        np.maximum(squares[inner].mean(axis=1) - gains[inner] * sigma**2, 0.0)
+        for squares, gains in (at_once, at_twice)
     )
-    worst = np.argsort(-near)[: max(3, int(WORST * len(near)))]
+    worst = np.argsort(-near)[: max(3, int(settings.worst_fraction * len(near)))]
     if not far[worst].sum() > 0.0:
-        return DECAY
+        return settings.default_decay
     ratio = float(np.sqrt(near[worst].sum() / far[worst].sum()))
-    return float(np.clip(ratio, LEAST_DECAY, MOST_DECAY))
+    return float(np.clip(ratio, settings.min_decay, settings.max_decay))
 
 
-def _misses(sites: Floats, contours: Floats, across: Floats) -> tuple[Floats, Floats]:
-    """Squared misses (m, k) of contours, predicted from neighbours, and their gain of noise."""
+def _prediction_errors(sites: Floats, contours: Floats, across: Floats) -> tuple[Floats, Floats]:
+    """Squared errors (m, k) of contours predicted from neighbours, and their gain of noise (m,)."""
     weights = np.eye(2)[::-1] if len(sites) == 2 else neighbour_weights(sites)
     known = (weights != 0.0).any(axis=1)
-    missed = np.tensordot(weights, contours, 1) - contours
-    squares = np.square(np.einsum("mkd,mkd->mk", missed, across))
+    errors = np.tensordot(weights, contours, 1) - contours
+    squares = np.square(np.einsum("mkd,mkd->mk", errors, across))
     return np.where(known[:, None], squares, 0.0), 1.0 + np.square(weights).sum(axis=1)

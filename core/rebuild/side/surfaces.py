@@ -2,8 +2,8 @@
 
 Towards a round end the radius falls like the root of the distance from it, with a slope that no
 spline in the height can follow; in the latitude the radius is smooth (that of an ellipsoid is a
-cosine). Contours on either side of a step lie close together and differ much: there the
-parameter runs by the way along the surface (Gregory and Delbourgo, 1982).
+cosine). Contours on either side of a step lie close together and differ much: there the parameter
+follows the arc length along the surface (Gregory and Delbourgo, 1982).
 """
 
 from __future__ import annotations
@@ -24,27 +24,25 @@ from palpate.core.splines import (
     wound_basis,
 )
 
-MOST_SITES = 128  # Coefficients along the axis; of more contours some share a knot interval
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LoftPatch:
     """The surface, from 0 at its lowest contour or pole to 1 at its highest, by the parameter."""
 
-    axial_parameter: AxialParameter  # Parameter along the axis
-    basis: Basis  # Splines along it; the surface spans their domain
-    control: Floats  # Coefficients (n, k, 2) about `middle`, m
-    middle: Floats  # (2,), m
+    axial_parameter: AxialParameter  # parameter along the axis
+    basis: Basis  # splines along it; the surface spans their domain
+    control: Floats  # coefficients (n, k, 2) about `middle` [m]
+    middle: Floats  # (2,) [m]
 
     @property
     def reach(self) -> tuple[float, float]:
-        """Heights at which it begins and ends, m."""
+        """Heights at which it begins and ends [m]."""
         low, high = self.axial_parameter.height(np.array(self.basis.domain))
         return float(low), float(high)
 
     @property
     def along(self) -> Basis:
-        """Its splines along, from 0 to 1; cubic ones if it has others, of few contours."""
+        """Its splines along, from 0 to 1; of few contours, which have lower degrees, cubic ones."""
         low, high = self.basis.domain
         if self.basis.degree != CUBIC:
             return clamped_basis(CUBIC + 1)
@@ -56,27 +54,27 @@ class LoftPatch:
         return int(self.control.shape[1])
 
     def at(self, v: Floats, turns: Floats, by: tuple[int, int] = (0, 0)) -> Floats:
-        """Points (n, 3), m, at shares v and turns (n,), or derivatives by them."""
+        """Points (n, 3) [m] at parameters v and turns (n,), or derivatives by them."""
         parameters, extent = self._parameters(v)
         places = np.stack([parameters, np.mod(turns, 1.0)], axis=-1)
         (plane,) = evaluate_scattered(self._bases, self._wound, places, [by])
         rise = self.axial_parameter.height(parameters, by[0]) if by[1] == 0 else np.zeros(len(v))
-        found = np.column_stack([plane + self.middle if by == (0, 0) else plane, rise])
-        return extent ** by[0] * found
+        points = np.column_stack([plane + self.middle if by == (0, 0) else plane, rise])
+        return extent ** by[0] * points
 
     def on_grid(self, v: Floats, turns: Floats, by: tuple[int, int] = (0, 0)) -> Floats:
-        """The same at each pair of shares v (a,) and turns (b,): (a, b, 3), m."""
+        """The same at each pair of parameters v (a,) and turns (b,): (a, b, 3) [m]."""
         parameters, extent = self._parameters(v)
-        found = np.zeros((len(v), len(turns), 3))
-        found[..., :2] = self.by_parameters(parameters, turns, by)
+        points = np.zeros((len(v), len(turns), 3))
+        points[..., :2] = self.by_parameters(parameters, turns, by)
         if by[1] == 0:
-            found[..., 2] = self.axial_parameter.height(parameters, by[0])[:, None]
-        return extent ** by[0] * found
+            points[..., 2] = self.axial_parameter.height(parameters, by[0])[:, None]
+        return extent ** by[0] * points
 
     def rings(self, heights: Floats, turns: Floats) -> Floats:
-        """Places in the plane (a, b, 2), m, at heights (a,), m, and turns (b,).
+        """Places in the plane (a, b, 2) [m] at heights (a,) [m] and turns (b,).
 
-        Beyond its reach its section is carried on.
+        Beyond its reach the section is that at its end.
         """
         parameters = np.clip(self.axial_parameter.of(heights), *self.basis.domain)
         return self.by_parameters(parameters, turns)
@@ -84,7 +82,7 @@ class LoftPatch:
     def by_parameters(
         self, parameters: Floats, turns: Floats, by: tuple[int, int] = (0, 0)
     ) -> Floats:
-        """The same, or derivatives, at parameters (a,) and turns (b,)."""
+        """The same at parameters (a,) along the axis, or derivatives by them and turns (b,)."""
         plane = evaluate_grid(self._bases, self._wound, [parameters, np.mod(turns, 1.0)], by)
         return plane + self.middle if by == (0, 0) else plane
 
@@ -105,22 +103,22 @@ class LoftPatch:
 class AxialParameter:
     """Parameter of the heights between two ends, each of which may be round.
 
-    Where both are, the angle whose sine is the height; where one is, the root of the distance
-    from it; where none is, the height. All are about 1 in size.
+    It is the angle whose sine is the height if both are round, the root of the distance from a
+    single round end, and the height if none is. All are about 1 in size.
     """
 
-    low: float  # Height of the lower end, m
-    high: float  # Height of the upper end, m
-    round: tuple[bool, bool]  # Closing there with a sphere's slope: below, above
-    reparametrisation: Reparametrisation | None = None  # How fast it runs, if not evenly in this
+    low: float  # height of the lower end [m]
+    high: float  # height of the upper end [m]
+    round: tuple[bool, bool]  # whether it closes with a sphere's slope: below, above
+    reparametrisation: Reparametrisation | None = None  # from that to another parameter
 
     def of(self, heights: Floats) -> Floats:
-        """Parameters (n,) of heights (n,), m; those beyond an end are taken to it."""
+        """Parameters (n,) of heights (n,) [m]; heights beyond an end are clipped to it."""
         above = np.clip((heights - self.low) / (self.high - self.low), 0.0, 1.0)
         below = np.clip((self.high - heights) / (self.high - self.low), 0.0, 1.0)
         match self.round:
             case (True, True):
-                # From both distances: the sine's own inverse is blind next to an end.
+                # By both distances: the arcsine is inexact next to an end.
                 parameters = 2.0 * np.arctan2(np.sqrt(above), np.sqrt(below)) - 0.5 * np.pi
             case (True, False):
                 parameters = np.sqrt(above)
@@ -134,7 +132,7 @@ class AxialParameter:
         return result
 
     def height(self, parameters: Floats, derivative: int = 0) -> Floats:
-        """Heights (n,) of parameters (n,), m, or their first or second derivative."""
+        """Heights (n,) [m] of parameters (n,), or their first or second derivative."""
         if self.reparametrisation is None:
             return self._height(parameters, derivative)
         even = self.reparametrisation.value(parameters)
@@ -161,36 +159,37 @@ class AxialParameter:
         return np.polyval(np.polyder(powers, derivative), parameters)
 
 
-def basis_along(sites: Floats, ends: tuple[float, float]) -> Basis:
-    """Spline basis with which values at rising parameters (n,) can be interpolated.
+def basis_along(sites: Floats, ends: tuple[float, float], max_sites: int = 128) -> Basis:
+    """Spline basis that interpolates values at rising parameters (n,).
 
-    Cubic, or lower of few sites, with averaged knots; of one site linear between two `ends`.
+    Cubic, or lower of few sites, with averaged knots; of one site linear between two `ends`. It has
+    at most `max_sites` functions: of more sites, some share a knot interval.
     """
     if len(sites) == 1:
         low, high = ends
         return Basis(np.array([low, low, high, high]), 1)
-    if len(sites) > MOST_SITES:
-        shares = np.linspace(0.0, len(sites) - 1.0, MOST_SITES)
-        sites = np.interp(shares, np.arange(len(sites)), sites)
+    if len(sites) > max_sites:
+        places = np.linspace(0.0, len(sites) - 1.0, max_sites)
+        sites = np.interp(places, np.arange(len(sites)), sites)
     degree = min(CUBIC, len(sites) - 1)
     return Basis(averaged_knots(sites, degree), degree)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reparametrisation:
-    """A rising function with a continuous slope, and its inverse, through given places.
+    """A rising function through places, with a continuous slope, and its inverse.
 
     Gregory and Delbourgo, *Piecewise rational quadratic interpolation to monotonic data*, 1982:
     within each step the inverse is the root of a quadratic.
     """
 
-    given: Floats  # (m,): rising values at the places
-    mapped: Floats  # (m,): the places, rising
-    slopes: Floats  # (m,): of the values by the places, positive
+    given: Floats  # rising values (m,) at the places
+    mapped: Floats  # rising places (m,)
+    slopes: Floats  # positive derivatives (m,) of the values by the places
 
-    def of(self, even: Floats) -> Floats:
-        """Places (n,) of values (n,); those beyond the ends are taken to them."""
-        value = np.clip(even, self.given[0], self.given[-1])
+    def of(self, values: Floats) -> Floats:
+        """Places (n,) of values (n,); values beyond the ends are clipped to them."""
+        value = np.clip(values, self.given[0], self.given[-1])
         step = self._step(self.given, value)
         rise, run, mean, begin, more = self._terms(step)
         share = (value - self.given[step]) / rise
@@ -199,8 +198,8 @@ class Reparametrisation:
         linear = begin - share * more
         constant = -share * mean
         root = np.sqrt(np.maximum(linear**2 - 4.0 * square * constant, 0.0))
-        way = 2.0 * constant / -(linear + root)
-        return self.mapped[step] + run * np.clip(way, 0.0, 1.0)
+        t = 2.0 * constant / -(linear + root)
+        return self.mapped[step] + run * np.clip(t, 0.0, 1.0)
 
     def value(self, mapped: Floats, derivative: int = 0) -> Floats:
         """Values (n,) at places (n,), or their first or second derivative."""
@@ -223,7 +222,7 @@ class Reparametrisation:
         return np.clip(np.searchsorted(knots, places, "right") - 1, 0, len(knots) - 2)
 
     def _terms(self, step: NDArray[np.intp]) -> tuple[Floats, Floats, Floats, Floats, Floats]:
-        """Rise, run, mean slope and first slope of steps, and how the slopes exceed the mean."""
+        """Rise, run, mean slope and first slope of steps, and both slopes less twice the mean."""
         rise, run = np.diff(self.given)[step], np.diff(self.mapped)[step]
         mean = rise / run
         begin, end = self.slopes[step], self.slopes[step + 1]
@@ -231,7 +230,7 @@ class Reparametrisation:
 
 
 def reparametrisation_through(even: Floats, lengths: Floats) -> Reparametrisation:
-    """With steps of given lengths (m - 1,) between rising values (m,), and their span.
+    """Of rising values (m,) at places with steps of `lengths` (m - 1,), scaled to the same range.
 
     Slopes of Fritsch and Butland, *Local monotone piecewise cubic interpolants*, 1984.
     """

@@ -1,4 +1,4 @@
-"""Ends told by contours: families, poles, shoulders, profiles, refusals."""
+"""Ends determined by contours: families, poles, shoulders, profiles, invalid input."""
 
 from collections.abc import Callable
 from itertools import product
@@ -12,7 +12,7 @@ from palpate.core.rebuild.ends import close_ends, profile_curves
 from tests.core.rebuild.objects import circle, polar
 
 TURNS = np.arange(80) / 80
-WAY = np.linspace(0.0, 1.0, 33)
+FRACTIONS = np.linspace(0.0, 1.0, 33)
 
 
 def superellipse(z: Floats, exponent: float) -> Floats:
@@ -66,23 +66,23 @@ def mean_radius(name: str, heights: Floats) -> Floats:
         ("rounded cylinder", "superellipse"),
     ],
 )
-def test_touched_end_is_of_family_that_tells_last_contour(name, kind):
+def test_touched_end_has_family_that_predicts_last_contour(name, kind):
     heights, grid, tops = contours(name, 5.0)
-    found = close_ends(heights, grid, **tops)
-    assert [end.kind for end in found] == [kind, kind]
-    assert [end.height for end in found] == [-50.0, 50.0]
-    assert [(end.uncovered, end.unseen, end.starlike) for end in found] == [(0.0, 5.0, True)] * 2
-    assert [end.round for end in found] == [kind == "conic"] * 2
-    for row, end in zip((0, -1), found, strict=True):
-        levels = end.rim + (end.height - end.rim) * WAY[:-1]
+    ends = close_ends(heights, grid, **tops)
+    assert [end.kind for end in ends] == [kind, kind]
+    assert [end.height for end in ends] == [-50.0, 50.0]
+    assert [(end.uncovered, end.unseen, end.starlike) for end in ends] == [(0.0, 5.0, True)] * 2
+    assert [end.round for end in ends] == [kind == "conic"] * 2
+    for row, end in zip((0, -1), ends, strict=True):
+        levels = end.rim + (end.height - end.rim) * FRACTIONS[:-1]
         expected = mean_radius(name, levels) / mean_radius(name, heights[[row]])
-        off = np.abs(end.profile.shares(WAY[:-1]) - expected)
+        off = np.abs(end.profile.radius_ratios(FRACTIONS[:-1]) - expected)
         assert off.max() < {"sphere": 1e-6, "ellipsoid": 1e-6}.get(name, 0.02)
 
 
 @pytest.mark.parametrize("gap", [0.5, 2.0, 5.0])
 @pytest.mark.parametrize("name", ["sphere", "ellipsoid", "egg", "paraboloid", "cone"])
-def test_pole_of_round_end_is_found_without_touch(name, gap):
+def test_untouched_pole_is_extrapolated_from_contours(name, gap):
     heights, grid, _ = contours(name, gap)
     ends = close_ends(heights, grid)
     for end, pole in zip(ends, (-50.0, 50.0), strict=True):
@@ -115,7 +115,7 @@ def box_rows(count: int, power: float = 10.0, noise: float = 0.0, seed: int = 0)
 
 
 @pytest.mark.parametrize("count", [20, 24, 27, 40])
-def test_rounded_edge_tells_where_box_ends(count):
+def test_rounded_edge_determines_height_of_box(count):
     heights, grid = box_rows(count)
     for unit in (1.0, 1e-3):
         for end in close_ends(unit * heights, unit * grid):
@@ -125,7 +125,7 @@ def test_rounded_edge_tells_where_box_ends(count):
     zigzag = (20.0 + 8.0 * np.sin(heights)) * np.sqrt(1.0 - (heights / 51.0) ** 2)
     for radii in (np.full(count, 30.0), 30.0 - 0.2 * heights, zigzag):
         assert close_ends(heights, radii[:, None, None] * circle(80))[1].kind != "superellipse"
-    assert close_ends(heights[-11:], grid[-11:])[1].kind == "fan"  # Of few contours
+    assert close_ends(heights[-11:], grid[-11:])[1].kind == "fan"  # too few contours
     off = []
     for seed in range(5):
         noisy = box_rows(27, noise=0.02, seed=seed)
@@ -134,7 +134,7 @@ def test_rounded_edge_tells_where_box_ends(count):
     assert np.sqrt(np.mean(np.square(off))) < 0.3
 
 
-def test_middle_lies_where_axis_leads_but_not_far_beyond():
+def test_axis_is_extrapolated_by_height_of_stack_at_most():
     heights, grid, tops = contours("cylinder", 5.0)
     leaning = grid + np.stack([0.2 * heights, -0.1 * heights], axis=-1)[:, None]
     bottom, top = close_ends(heights, leaning, **tops)
@@ -144,7 +144,7 @@ def test_middle_lies_where_axis_leads_but_not_far_beyond():
     assert far.middle == pytest.approx([9.0 + 18.0, -4.5 - 9.0], abs=1e-9)
 
 
-def test_touch_on_last_contour_makes_disc_there():
+def test_end_touched_at_last_contour_is_disc():
     heights, grid, _ = contours("cylinder", 5.0)
     bottom, top = close_ends(heights, grid, bottom=-45.0, top=44.9)
     assert (bottom.kind, bottom.height, bottom.uncovered) == ("flat", -45.0, 0.0)
@@ -164,17 +164,18 @@ def test_profile_curves_run_from_rim_to_middle(name, gap):
         assert ends[0, 0] == pytest.approx([0.0, 1.0], abs=1e-12)
         assert ends[-1, 1] == pytest.approx([1.0, 0.0], abs=1e-12)
         assert ends[1:, 0] == pytest.approx(ends[:-1, 1], abs=1e-12)
-        height, radius = curves[0].at(WAY[:-1]).T
-        wide = radius > 0.3  # Nearer to the middle a square end's height has no digits left
-        assert end.profile.shares(height)[wide] == pytest.approx(radius[wide], abs=1e-9)
+        height, radius = curves[0].at(FRACTIONS[:-1]).T
+        wide = radius > 0.3  # next to the axis the height of a square end has no digits left
+        assert end.profile.radius_ratios(height)[wide] == pytest.approx(radius[wide], abs=1e-9)
         at, step = np.linspace(0.01, 0.97, 25), 1e-5
         for curve, by in product(curves, (1, 2)):
             slopes = (curve.at(at + step, by - 1) - curve.at(at - step, by - 1)) / (2.0 * step)
-            found = curve.at(at, by)
-            assert found == pytest.approx(slopes, abs=1e-6 * max(np.abs(found).max(), 1.0))
+            derivative = curve.at(at, by)
+            size = max(np.abs(derivative).max(), 1.0)
+            assert derivative == pytest.approx(slopes, abs=1e-6 * size)
             assert np.isfinite(curve.at(np.array([0.0, 1.0]), by)).all()
     flat = close_ends(*contours("cylinder", gap)[:2])[0].profile
-    (disc,) = profile_curves(flat, 0.0)  # Without a gap there is only a disc
+    (disc,) = profile_curves(flat, 0.0)  # no gap, no wall
     assert disc.at(np.array([0.0, 0.5, 1.0])).tolist() == [[0, 1], [0, 0.5], [0, 0]]
 
 
@@ -191,7 +192,7 @@ def test_profile_curves_run_from_rim_to_middle(name, gap):
         ({"bottom": 1.5}, "bottom must not lie within the contours"),
     ],
 )
-def test_refusals_of_ends(change, words):
+def test_invalid_contours_of_ends_are_refused(change, words):
     options: dict[str, Any] = {"heights": [0.0, 1.0, 2.0], "grid": np.stack([circle(8)] * 3)}
     with pytest.raises(ValueError, match=words):
         close_ends(**options | change)

@@ -1,14 +1,14 @@
-"""Ends told by touches: heights, oblique planes, leaning tips, reliefs of faces."""
+"""Ends determined by touches: heights, oblique planes, leaning tips, reliefs of faces."""
 
 from collections.abc import Sequence
 
 import numpy as np
 import pytest
 
-from palpate.core.arrays import Floats
-from palpate.core.rebuild import ends as caps
+from palpate.core.arrays import Bools, Floats
+from palpate.core.rebuild import ends
 from palpate.core.rebuild.contours import ContactPoints, stack_points
-from palpate.core.rebuild.ends import End, Shear, levelled, touched_end
+from palpate.core.rebuild.ends import End, Shear, end_height, levelled, shear_between
 from palpate.core.rebuild.side import fit_axis_curve, fit_radial_spline
 from palpate.core.rebuild.surface import EndPatch, close_surface, sampled_patch
 from tests.core.rebuild.objects import assert_derivatives, at_height, circle, contacts, rms
@@ -23,16 +23,16 @@ def touch(
     place: Sequence[float],
     height: float,
     slopes: Floats = NONE,
-    way: float = 1.0,
+    sign: float = 1.0,
     bend: float = 0.0,
 ) -> ContactPoints:
     """49 taxels of a plane of slopes, or of a dome of a curvature; its height is on the axis."""
     grid = np.stack(np.meshgrid(*2 * (1e-3 * np.arange(-3, 4),)), axis=-1).reshape(-1, 2)
     at = grid + place
-    leans = slopes - way * bend * at
-    normals = way * np.column_stack([-leans, np.ones(49)])
+    leans = slopes - sign * bend * at
+    normals = sign * np.column_stack([-leans, np.ones(49)])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    heights = height + at @ slopes - 0.5 * way * bend * (at**2).sum(axis=1)
+    heights = height + at @ slopes - 0.5 * sign * bend * (at**2).sum(axis=1)
     return contacts(np.column_stack([at, heights]), normals)
 
 
@@ -50,110 +50,114 @@ def column(slopes: Floats = NONE, pose: float = 0.0, noise: float = 0.0) -> Cont
     return stack_points([sides(), *parts])
 
 
-def single(heights: list[float], way: float) -> ContactPoints:
+def single(heights: list[float], sign: float) -> ContactPoints:
     """Touches of three taxels each, two a little short of the end."""
-    levels = (way * (np.array(heights)[:, None] - [0.0, 5e-4, 1e-3])).ravel()
+    levels = (sign * (np.array(heights)[:, None] - [0.0, 5e-4, 1e-3])).ravel()
     points = np.column_stack([np.zeros((len(levels), 2)), levels])
-    normals = np.tile([0.0, 0.0, way], (len(levels), 1))
+    normals = np.tile([0.0, 0.0, sign], (len(levels), 1))
     return contacts(points, normals, np.repeat(np.arange(len(heights)), 3))
 
 
-@pytest.mark.parametrize("way", [1.0, -1.0])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
 @pytest.mark.parametrize(
     ("heights", "pose", "known", "expected"),
     [
-        ([0.1, 0.1002, 0.0998, 0.0996, 0.097], 1.5e-4, None, 0.0999),  # Those of one height
-        ([0.1, 0.0999], None, 0.0999, 0.1),  # Without noise the farthest is the truest
+        ([0.1, 0.1002, 0.0998, 0.0996, 0.097], 1.5e-4, None, 0.0999),  # those of one height
+        ([0.1, 0.0999], None, 0.0999, 0.1),  # without noise the farthest is true
         ([0.1, 0.0999], None, 0.1001, 0.1001),
-        ([0.097], 1e-4, 0.1, 0.1),  # An end known to lie farther is not pulled in
-        ([0.08], 1e-4, None, None),  # Short of the last contour
+        ([0.097], 1e-4, 0.1, 0.1),  # an end known to lie farther stays there
+        ([0.08], 1e-4, None, None),  # short of the last contour
         ([0.08], 1e-4, 0.1, 0.1),
     ],
 )
-def test_height_of_touched_end(heights, pose, known, expected, way):
-    touched = single(heights, way)
-    given = None if known is None else way * known
-    found = touched_end(touched, way * 0.09, way, pose, given)
-    assert found == (None if expected is None else pytest.approx(way * expected))
-    assert caps.on_end(touched, way * 0.09, way).any() == (max(heights) > 0.09)
-    for blind in (touched._replace(normals=None), single(heights, -way)._replace(
-        points=touched.points
-    )):  # fmt: skip
-        assert not caps.on_end(blind, way * 0.09, way).any()
-        assert touched_end(blind, way * 0.09, way, pose, given) == given
+def test_end_height_is_mean_of_highest_touches(heights, pose, known, expected, sign):
+    touched = single(heights, sign)
+    known_height = None if known is None else sign * known
+    height = end_height(touched, sign * 0.09, sign, pose, known_height)
+    assert height == (None if expected is None else pytest.approx(sign * expected))
+    assert ends.on_end(touched, sign * 0.09, sign).any() == (max(heights) > 0.09)
+    inverted = single(heights, -sign)._replace(points=touched.points)
+    for blind in (touched._replace(normals=None), inverted):
+        assert not ends.on_end(blind, sign * 0.09, sign).any()
+        assert end_height(blind, sign * 0.09, sign, pose, known_height) == known_height
 
 
-def domed(seed: int, count: int = 5, way: float = 1.0, bend: float = 1 / 0.2) -> ContactPoints:
+def domed(seed: int, bend: float) -> ContactPoints:
     """Touches of a dome of 100 mm height, each off along the axis."""
     shifts = POSE * np.random.default_rng(max(seed, 0)).normal(size=5) * (seed >= 0)
-    parts = [
-        touch(place, way * (0.1 + shift), NONE, way, bend)
-        for place, shift in list(zip(PLACES, shifts, strict=True))[:count]
-    ]
-    low = contacts(np.array([[0.08, 0.0, -way * 0.1]]), np.array([[1.0, 0.0, 0.0]]))
+    pairs = zip(PLACES, shifts, strict=True)
+    parts = [touch(place, 0.1 + shift, NONE, 1.0, bend) for place, shift in pairs]
+    low = contacts(np.array([[0.08, 0.0, -0.1]]), np.array([[1.0, 0.0, 0.0]]))
     return stack_points([*parts, low])
 
 
 @pytest.mark.parametrize("bend", [1 / 0.2, 1 / 0.6])
 def test_pose_errors_of_dome_average_out(bend):
-    found = [touched_end(domed(seed, bend=bend), 0.09, 1.0, POSE, None) for seed in range(80)]
-    errors = np.array(found, np.float64) - 0.1
+    heights = [end_height(domed(seed, bend), 0.09, 1.0, POSE, None) for seed in range(80)]
+    errors = np.array(heights, np.float64) - 0.1
     assert abs(errors.mean()) < 0.2 * POSE
-    exact = touched_end(domed(-1, bend=bend), 0.09, 1.0, 1e-6, None)
+    exact = end_height(domed(-1, bend), 0.09, 1.0, 1e-6, None)
     assert exact == pytest.approx(0.1, abs=1e-5)
-    assert errors.std() < 0.6 * POSE  # Of the highest alone it is 0.67, and the mean is off by 1.2
+    assert errors.std() < 0.6 * POSE  # the highest touch has 0.67, and a bias of 1.2
 
 
-def sheared(touched: ContactPoints, ends: tuple[float | None, float | None] = (0.0, None)) -> Shear:
-    found = caps.shear_between(touched, NONE, ends)
-    assert found is not None
-    return found
+def sheared(
+    touched: ContactPoints, known: tuple[float | None, float | None] = (0.0, None)
+) -> Shear:
+    shear = shear_between(touched, NONE, known)
+    assert shear is not None
+    return shear
 
 
 @pytest.mark.parametrize(("pose", "noise"), [(0.0, 0.0), (1e-4, 0.0), (0.0, 1e-5)])
-def test_oblique_top_leans_as_its_touches_do(pose, noise):
-    found = sheared(column(SLOPES, pose, noise), (-1e-3, None))
-    assert found.steepness(-1e-3) == pytest.approx(0.0, abs=1e-12)
-    top = found.slopes + 0.08 * found.change
+def test_shear_has_slopes_of_oblique_top(pose, noise):
+    shear = sheared(column(SLOPES, pose, noise), (-1e-3, None))
+    assert shear.steepness(-1e-3) == pytest.approx(0.0, abs=1e-12)
+    top = shear.slopes + 0.08 * shear.change
     assert top == pytest.approx(SLOPES, abs=1e-12 + 200.0 * noise + 0.05 * pose / 0.08)
     bottom = [touch(place, 0.0, SLOPES, -1.0) for place in PLACES]
     alike = sheared(stack_points([column(SLOPES, pose, noise), *bottom]), (None, None))
     assert alike.change == pytest.approx(NONE, abs=1e-12 + 3e3 * noise + pose)
-    assert caps.only_given(column(SLOPES), -1.0, 0.0) and caps.only_given(column(), 1.0, 0.081)
-    assert not (caps.only_given(column(), 1.0, 0.08) or caps.only_given(column(), -1.0, None))
-    slight = caps.shear_between(column(0.03 * SLOPES, noise=noise), NONE, (0.0, None))
-    assert slight is not None  # As small as taxels of little noise can tell
+    assert ends.is_known_untouched(column(SLOPES), -1.0, 0.0) and ends.is_known_untouched(
+        column(), 1.0, 0.081
+    )
+    assert not (
+        ends.is_known_untouched(column(), 1.0, 0.08)
+        or ends.is_known_untouched(column(), -1.0, None)
+    )
+    slight = shear_between(column(0.03 * SLOPES, noise=noise), NONE, (0.0, None))
+    assert slight is not None  # taxels of little noise resolve a small slope
     if noise == pose == 0.0:
-        level = found.levelled_contacts(column(SLOPES)).points[400:, 2]
+        level = shear.levelled_contacts(column(SLOPES)).points[400:, 2]
         assert np.ptp(level) < 1e-12
 
 
 @pytest.mark.parametrize(
     "more",
     [
-        stack_points([touch((0.01, 0.01), 0.04)] * 6),  # A ledge below the top
-        touch((0.016, 0.0), 0.0784, SLOPES, 1.0, 40.0),  # Across an edge
-        contacts(np.array([[0.02, 0.0, 0.0]]), np.array([[1.0, 0.0, 0.0]])),  # On the platform
+        stack_points([touch((0.01, 0.01), 0.04)] * 6),  # a ledge below the top
+        touch((0.016, 0.0), 0.0784, SLOPES, 1.0, 40.0),  # across an edge
+        contacts(np.array([[0.02, 0.0, 0.0]]), np.array([[1.0, 0.0, 0.0]])),  # on the platform
         contacts(np.array([[0.02, 0.0, -1e-5]]), np.array([[1.0, 0.0, 0.0]])),
     ],
 )
 def test_other_touches_do_not_change_plane_of_top(more):
-    found = sheared(stack_points([column(SLOPES), more]))
-    assert found.slopes + 0.08 * found.change == pytest.approx(SLOPES, abs=1e-3)
-    assert found.steepness(0.0) == pytest.approx(0.0, abs=1e-12)
+    shear = sheared(stack_points([column(SLOPES), more]))
+    assert shear.slopes + 0.08 * shear.change == pytest.approx(SLOPES, abs=1e-3)
+    assert shear.steepness(0.0) == pytest.approx(0.0, abs=1e-12)
 
 
 def gable() -> ContactPoints:
     flanks = [
-        touch((way * away, 0.004 * k), 0.08, np.array([-0.3 * way, 0.0]))
-        for way in (1.0, -1.0)
+        touch((sign * away, 0.004 * k), 0.08, np.array([-0.3 * sign, 0.0]))
+        for sign in (1.0, -1.0)
         for k, away in enumerate((0.006, 0.01, 0.014))
     ]
     return stack_points([sides(), *flanks])
 
 
 def leaning() -> ContactPoints:
-    """A column that leans as a whole, by more than an axis is ever off."""
+    """A column that leans as a whole, by more than a slicing axis is off."""
     bottom = [touch(place, 0.0, NONE, -1.0) for place in PLACES]
     c, s = np.cos(np.arctan(0.2)), np.sin(np.arctan(0.2))
     turn = np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
@@ -177,12 +181,12 @@ def leaning() -> ContactPoints:
     ],
     ids=["level", "noisy", "dome", "dome, flat in one touch", "gable", "knob", "leaning"],
 )
-def test_what_is_no_oblique_end_is_not_sheared(touched):
-    ends = (None, None) if touched.points[:, 2].min() < -1e-3 else (0.0, None)
-    assert caps.shear_between(touched, NONE, ends) is None
+def test_no_shear_without_oblique_plane(touched):
+    known = (None, None) if touched.points[:, 2].min() < -1e-3 else (0.0, None)
+    assert shear_between(touched, NONE, known) is None
     for scale in (1e-6, 1e6):
         there = touched._replace(points=scale * touched.points)
-        assert caps.shear_between(there, NONE, ends) is None
+        assert shear_between(there, NONE, known) is None
 
 
 SHEAR = Shear(np.array([0.01, -0.02]), np.array([0.2, -0.1]), np.array([1.5, 0.8]))
@@ -216,35 +220,35 @@ def test_shear_is_inverted_and_carries_derivatives_and_normals():
     assert_derivatives(carried, v, turns, 1e-3)
     normals = np.cross(carried(v, turns, (0, 1)), carried(v, turns, (1, 0)))
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    found = levelled(SHEAR, contacts(SHEAR.sheared(points), normals))
-    assert found.points == pytest.approx(points, abs=1e-15)
-    assert np.asarray(found.normals) == pytest.approx((points - [0, 0, 0.05]) / 0.03, abs=1e-4)
+    level = levelled(SHEAR, contacts(SHEAR.sheared(points), normals))
+    assert level.points == pytest.approx(points, abs=1e-15)
+    assert np.asarray(level.normals) == pytest.approx((points - [0, 0, 0.05]) / 0.03, abs=1e-4)
     blind = contacts(points, None)
     assert levelled(None, blind) is blind
     assert levelled(SHEAR, blind).normals is None
 
 
 @pytest.mark.parametrize("lean", [(-0.005, 0.003), (0.0, 0.0)])
-def test_round_end_leans_as_it_was_touched(lean):
+def test_middle_of_round_end_follows_touched_lean(lean):
     """A column of 30 mm radius that ends in half an ellipsoid, sheared by a lean."""
     count = 9000
-    turn, way = np.arange(count) * 0.618034 % 1.0, (np.arange(count) + 0.5) / count * 3.0 - 2.0
+    turn, rise = np.arange(count) * 0.618034 % 1.0, (np.arange(count) + 0.5) / count * 3.0 - 2.0
     out = np.column_stack([np.cos(2 * np.pi * turn), np.sin(2 * np.pi * turn)])
-    share, ahead = np.sqrt(1.0 - np.maximum(way, 0.0) ** 2), np.maximum(way, 0.0)
-    level = 2.0 * share[:, None] * out / 0.03
-    upward = np.where(way > 0.0, (2.0 * ahead - level @ lean) / 0.03, 0.0)
+    ratio, ahead = np.sqrt(1.0 - np.maximum(rise, 0.0) ** 2), np.maximum(rise, 0.0)
+    level = 2.0 * ratio[:, None] * out / 0.03
+    upward = np.where(rise > 0.0, (2.0 * ahead - level @ lean) / 0.03, 0.0)
     normals = np.column_stack([level, upward])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     place = np.array([0.1, -0.2])
-    plane = place + 0.03 * share[:, None] * out + ahead[:, None] * lean
-    touched = contacts(np.column_stack([plane, 0.06 + 0.03 * way]), normals)
+    plane = place + 0.03 * ratio[:, None] * out + ahead[:, None] * lean
+    touched = contacts(np.column_stack([plane, 0.06 + 0.03 * rise]), normals)
     axis = fit_axis_curve(np.array([0.0, 0.06]), np.tile(place, (2, 1)))
     spline = fit_radial_spline(touched, axis, 0.0, 0.09)
     turns = np.arange(48) / 48
-    found = caps.end_from_contacts(touched, spline, turns, 0.062, -0.06, 0.09, 1e-6)
-    assert (found.height, found.pointed, found.round) == (0.09, True, False)
-    assert found.middle - place == pytest.approx(lean, abs=0.6e-3)
-    free = caps.end_from_contacts(touched, spline, turns, 0.062, -0.06, None, 1e-6)
+    end = ends.end_from_contacts(touched, spline, turns, 0.062, -0.06, 0.09, 1e-6)
+    assert (end.height, end.pointed, end.round) == (0.09, True, False)
+    assert end.middle - place == pytest.approx(lean, abs=0.6e-3)
+    free = ends.end_from_contacts(touched, spline, turns, 0.062, -0.06, None, 1e-6)
     assert free.height >= 0.062
 
 
@@ -274,11 +278,11 @@ def pads(seed: int, pose: float = POSE, count: int = 10, bulge: Floats = BULGE) 
 
 def level_ends() -> tuple[End, End]:
     heights = np.linspace(0.0, RIM, 9)
-    return caps.close_ends(heights, np.repeat(ROW[None], 9, axis=0), bottom=0.0, top=HEIGHT)
+    return ends.close_ends(heights, np.repeat(ROW[None], 9, axis=0), bottom=0.0, top=HEIGHT)
 
 
 def relieved(touched: ContactPoints, pose: float | None = POSE) -> End:
-    return caps.with_relief(level_ends()[1], touched, ROW, pose)
+    return ends.with_relief(level_ends()[1], touched, ROW, pose)
 
 
 def test_bulging_face_is_height_field_with_true_error():
@@ -291,29 +295,32 @@ def test_bulging_face_is_height_field_with_true_error():
             exact = relieved(pads(seed, 0.0), None).relief
             assert exact is not None
             assert rms(exact.at(INSIDE) - face(INSIDE)) < 1e-5
-    wrong, told = np.sqrt(np.mean(squares, axis=0))
-    assert 0.5 * told < wrong < 1.5 * told
-    assert wrong < 2.0 * POSE
+    error, stated = np.sqrt(np.mean(squares, axis=0))
+    assert 0.5 * stated < error < 1.5 * stated
+    assert error < 2.0 * POSE
 
 
-def test_no_relief_is_taken_from_too_little():
+def only(touched: ContactPoints, kept: Bools) -> ContactPoints:
+    return ContactPoints(*(np.asarray(field)[kept] for field in touched))
+
+
+def test_too_few_touches_determine_no_relief():
     flat = np.zeros(4)
     for seed in range(8):
         assert relieved(pads(seed, bulge=flat)).relief is None
         few = pads(seed, count=4)
         nth = np.concatenate([np.arange((few.touch == one).sum()) for one in range(4)])
         for taxels in (3, 4, 7):
-            kept = ContactPoints(*(np.asarray(each)[nth < taxels] for each in few))
-            assert relieved(kept).relief is None
+            assert relieved(only(few, nth < taxels)).relief is None
         half = pads(seed, count=5)
-        kept = ContactPoints(*(np.asarray(each)[half.points[:, 0] < -6e-3] for each in half))
-        relief = relieved(kept, None).relief  # Nowhere far above what was touched
+        kept = only(half, half.points[:, 0] < -6e-3)
+        relief = relieved(kept, None).relief  # nowhere far above what was touched
         if relief is not None:
             rise = np.abs(relief.at(kept.points[:, :2])).max()
             assert np.abs(relief.at(0.95 * ROW)).max() <= 2.0 * rise
     many = pads(0, count=40)
     beside = np.hypot(*many.points[:, :2].T) > 0.8 * RADIUS
-    assert relieved(ContactPoints(*(np.asarray(each)[beside] for each in many))).relief is None
+    assert relieved(only(many, beside)).relief is None
 
 
 def test_relief_is_part_of_surface_and_its_derivatives():
@@ -328,6 +335,6 @@ def test_relief_is_part_of_surface_and_its_derivatives():
     v, turns = np.array([0.2, 0.5, 0.9]), np.array([0.1, 0.45, 0.8])
     for piece in pieces:
         assert_derivatives(piece.at, v, turns, 1e-4, 1.0, piece.on_grid)
-    middle = pieces[-1].at(np.ones(1), np.zeros(1))[0]  # At the face's height
+    middle = pieces[-1].at(np.ones(1), np.zeros(1))[0]  # at the face's height
     assert middle[2] == pytest.approx(HEIGHT + BULGE[0], abs=2.0 * POSE)
-    assert pieces[0].at(np.zeros(1), np.zeros(1))[0, 2] == pytest.approx(RIM)  # Unchanged
+    assert pieces[0].at(np.zeros(1), np.zeros(1))[0, 2] == pytest.approx(RIM)  # unchanged

@@ -1,4 +1,4 @@
-"""The surface through contours that correspond: fidelity, noise, outliers, stated errors."""
+"""Lofts of corresponding contours: fidelity, noise, outliers, stated errors."""
 
 from typing import Any
 
@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from palpate.core.arrays import Bools, Floats
-from palpate.core.rebuild.side import ContourLoft, fit_contour_loft, noise_of
+from palpate.core.rebuild.side import ContourLoft, contour_noise, fit_contour_loft
 from tests.core.rebuild.objects import assert_derivatives, circle, rms
 
 HEIGHT, POLE = 2.0, float(np.sqrt(1.04))
 LEVELS, TURNS = np.linspace(-1.0, 1.0, 27), np.arange(24) / 24
-AXIS = np.zeros(2)  # Where most solids here close
+AXIS = np.zeros(2)  # where most solids here close
 
 
 def wavy(heights: Floats, angle: Floats) -> Floats:
@@ -44,7 +44,7 @@ def errors(loft: ContourLoft) -> Floats:
 
 
 @pytest.mark.parametrize("heights", [LEVELS, np.sin(0.5 * np.pi * LEVELS)], ids=["even", "uneven"])
-def test_clean_contours_with_poles_are_followed(heights):
+def test_exact_contours_with_poles_are_followed(heights):
     loft = lofted(heights, contours(heights, 80), low=-POLE, high=POLE, pole=(AXIS, AXIS))
     assert rms(errors(loft)) < 3e-4
     assert loft.health.condition < 1e3 and loft.health.outlying == 0
@@ -53,17 +53,17 @@ def test_clean_contours_with_poles_are_followed(heights):
 
 
 @pytest.mark.parametrize("sigma", [0.01, 0.03])
-def test_noise_leaves_quarter_of_itself(sigma):
-    found = []
+def test_error_is_quarter_of_noise(sigma):
+    error = []
     for seed in range(2):
         grid = contours(LEVELS, 80, sigma, seed)
         loft = lofted(LEVELS, grid)
-        found.append(rms(errors(loft)))
+        error.append(rms(errors(loft)))
         assert loft.health.sigma == pytest.approx(sigma, rel=0.05)
-        assert noise_of(LEVELS, grid) == pytest.approx(sigma, rel=0.06)
+        assert contour_noise(LEVELS, grid) == pytest.approx(sigma, rel=0.06)
         assert loft.health.outlying == 0
-    assert np.mean(found) < 0.27 * sigma
-    heights = np.delete(LEVELS, 12)  # A missing contour costs little, and widens the band
+    assert np.mean(error) < 0.27 * sigma
+    heights = np.delete(LEVELS, 12)  # a missing contour costs little, and widens the band
     loft = lofted(heights, contours(heights, 80, sigma))
     assert rms(errors(loft)) < 0.3 * sigma
     assert loft.uncertainty().resolution == pytest.approx(HEIGHT / 26)
@@ -71,7 +71,7 @@ def test_noise_leaves_quarter_of_itself(sigma):
     assert rms(gap) > 1.2 * rms(beside)
 
 
-def test_noise_shared_by_neighbours_is_not_followed():
+def test_correlated_noise_is_not_followed():
     heights = np.linspace(-0.95, 0.95, 27)
     radius = (1.0 + 0.2 * heights[:, None]) * (1.0 + 0.1 * np.cos(6 * np.pi * TURNS))
     grid = radius[..., None] * circle(24)
@@ -83,7 +83,7 @@ def test_noise_shared_by_neighbours_is_not_followed():
         assert rms(loft.patch.rings(heights, TURNS) - grid) < 0.012
 
 
-def test_known_noise_chooses_what_errs_least():
+def test_known_noise_gives_least_error():
     grid = contours(LEVELS, 24, 0.05, 3)
     known = {noise: lofted(LEVELS, grid, noise=noise) for noise in (2e-3, 0.05, 0.8)}
     misses = {noise: rms(errors(loft)) for noise, loft in known.items()}
@@ -95,21 +95,21 @@ def test_known_noise_chooses_what_errs_least():
 
 @pytest.mark.parametrize("closed", [(False, False), (True, False), (False, True), (True, True)])
 @pytest.mark.parametrize("count", [1, 2, 3])
-def test_few_contours_are_passed_and_poles_close(count, closed):
+def test_loft_passes_few_contours_and_closes_at_poles(count, closed):
     heights = np.linspace(-0.5, 0.4, count)
     grid = contours(heights, 24)
-    pole = [AXIS if one else None for one in closed]
+    pole = [AXIS if is_closed else None for is_closed in closed]
     loft = lofted(heights, grid, low=-1.0, high=1.0, pole=pole)
     assert np.allclose(loft.patch.rings(heights, TURNS), grid, atol=1e-4)
     ends = np.ptp(loft.patch.rings(np.array([-1.0, 1.0]), TURNS), axis=1).max(axis=1)
     assert tuple(ends < 1e-12) == closed
     assert np.isfinite(loft.deviation(np.linspace(-1.0, 1.0, 30), np.arange(9) / 9)).all()
     assert np.isfinite(loft.uncertainty()).all()
-    pole = [AXIS + 2.0 if one else None for one in closed]
-    line = lofted(heights, np.full((count, 12, 2), 2.0), pole=pole)  # All in one place
+    pole = [AXIS + 2.0 if is_closed else None for is_closed in closed]
+    line = lofted(heights, np.full((count, 12, 2), 2.0), pole=pole)  # all points in one place
     assert np.allclose(line.patch.rings(np.array([0.5, 0.8]), np.array([0.1, 0.2])), 2.0)
     assert (line.deviation([0.5], [0.0]), *line.uncertainty()[:2]) == ([[0.0]], 0.0, 0.0)
-    if (count, closed) == (1, (False, False)):  # A prism
+    if (count, closed) == (1, (False, False)):  # a prism
         assert np.allclose(loft.patch.rings(np.linspace(-1, 1, 9), TURNS), grid, atol=1e-4)
         assert loft.uncertainty().resolution == pytest.approx(1.0)
 
@@ -134,7 +134,7 @@ def exact(sites: Floats, radius: Floats) -> ContourLoft:
     return lofted(sites, radius[..., None] * circle(24), noise=0.0)
 
 
-def test_doubt_lies_where_neighbours_mispredict():
+def test_deviation_is_large_where_neighbours_mispredict():
     sites = np.linspace(-1.0, 1.0, 13)
     smooth = exact(sites, 1.0 + 0.3 * sites - 0.2 * sites**2)
     assert smooth.deviation(np.linspace(-1.0, 1.0, 50), TURNS).max() < 1e-9
@@ -147,10 +147,10 @@ def test_doubt_lies_where_neighbours_mispredict():
     assert local[:, 0].max() < 1e-3 * local[:, 1].max()
     ahead = exact(np.linspace(-0.5, 0.5, 11), 1.0 + 0.2 * np.sin(20.0 * sites[1:-1]))
     near, far = ahead.deviation([0.55, 0.6], np.zeros(1))[:, 0]
-    assert far == pytest.approx(2.0 * near, rel=0.05)  # Along the normal
+    assert far == pytest.approx(2.0 * near, rel=0.05)  # along the normal
 
 
-def test_loft_closes_in_its_poles():
+def test_loft_closes_at_leaning_poles():
     heights = np.linspace(-0.9, 0.9, 12)
     lean = np.column_stack([heights, -0.5 * heights])
     grid = np.sqrt(1.0 - heights**2)[:, None, None] * circle(24) + lean[:, None]
@@ -189,7 +189,7 @@ def stray_error(loft: ContourLoft) -> float:
     return rms(np.linalg.norm(loft.patch.rings(LEVELS, np.arange(80) / 80), axis=-1) - bumpy())
 
 
-def test_stray_points_are_left_out_and_cost_tenth():
+def test_outliers_raise_error_by_tenth_at_most():
     with_, without = [], []
     for seed in range(2):
         wrong = np.random.default_rng(seed + 100).random((27, 80)) < 0.02
@@ -239,16 +239,16 @@ def surface(kind: str, over: bool = False) -> Any:
 
 
 @pytest.mark.parametrize("kind", ["ball", "step"])
-def test_patch_of_loft_has_its_derivatives(kind):
+def test_derivatives_of_loft_are_exact(kind):
     patch = surface(kind)
     v, turns = np.linspace(0.03, 0.97, 21), np.linspace(0.0, 2.1, 21)
-    assert_derivatives(patch.at, v, turns, 1e-5, 0.8, patch.on_grid)  # But for knots
+    assert_derivatives(patch.at, v, turns, 1e-5, 0.8, patch.on_grid)  # but for knots
     assert patch.at(np.array([0.0, 1.0]), np.zeros(2))[:, 2] == pytest.approx([-1.0, 0.9])
     places = patch.at(v, turns)
     rings = patch.rings(places[:, 2], turns)[np.arange(21), np.arange(21)]
     assert rings == pytest.approx(places[:, :2], abs=1e-9)
-    assert np.array_equal(*patch.rings(np.array([0.97, 0.9]), turns))  # Carried on
-    if kind == "step":  # Upside down it is the same
+    assert np.array_equal(*patch.rings(np.array([0.97, 0.9]), turns))  # beyond its reach
+    if kind == "step":  # upside down it is the same
         mirrored = surface(kind, over=True).at(1.0 - v, turns) * [1.0, 1.0, -1.0]
         assert mirrored == pytest.approx(places, abs=1e-9)
         rims = np.linalg.norm(patch.rings(np.array([-0.5, 0.0, 0.02, 0.5]), turns[:1]), axis=-1)
@@ -271,7 +271,7 @@ def test_patch_of_loft_has_its_derivatives(kind):
         ({"noise": -1.0}, "noise must be 0 or more"),
     ],
 )
-def test_refusals_of_loft(change, words):
+def test_invalid_contours_of_loft_are_refused(change, words):
     options: dict[str, Any] = {"heights": [0.25, 0.75], "low": 0.0, "high": 1.0, **change}
     grid = options.pop("grid", np.stack([circle(12)] * 2))
     with pytest.raises(ValueError, match=words):

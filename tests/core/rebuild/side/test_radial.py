@@ -9,7 +9,7 @@ import pytest
 from palpate.core.arrays import Floats
 from palpate.core.rebuild import side as sides
 from palpate.core.rebuild.contours import ContactPoints, stack_points
-from palpate.core.rebuild.side import RadialSpline, bridged, coverage_of
+from palpate.core.rebuild.side import RadialSpline, coverage_of, with_gaps_bridged
 from tests.core.rebuild.objects import (
     Oracle,
     assert_derivatives,
@@ -20,7 +20,7 @@ from tests.core.rebuild.objects import (
     slow,
 )
 
-HEIGHT = 0.06  # Of most objects here [m]
+HEIGHT = 0.06  # of most objects here [m]
 TURNS = np.linspace(0.0, 1.0, 24, endpoint=False)
 BALL, EGG = Oracle([0.03] * 3, [1.0, 1.0]), Oracle([0.04, 0.025, 0.03], [1.0, 1.0])
 UP = sides.fit_axis_curve(np.array([0.0]), np.zeros((1, 2)))
@@ -65,8 +65,8 @@ def test_spline_of_ellipsoid_is_ellipsoid(fit):
     assert not sides.looks_inward(inner._replace(normals=None), UP)
     blunt = fit(everywhere(Oracle([0.04, 0.025, 0.03], [0.5, 1.0]), 133, 0.995), UP, 0.0, HEIGHT)
     next_to_ends = np.abs(blunt.rows.heights / 0.03 - 1.0) > 0.95
-    assert rms(blunt.misfits[next_to_ends]) < 4e-6  # Even spans would leave 1e-5
-    assert 1.0 < spline.system.condition < 1e8
+    assert rms(blunt.misfits[next_to_ends]) < 4e-6  # even spans leave 1e-5
+    assert 1.0 < spline.system.condition() < 1e8
 
 
 def test_spline_follows_leaning_axis():
@@ -83,7 +83,7 @@ def test_spline_follows_leaning_axis():
     assert places == pytest.approx([0.01, -0.005] + 0.02 * circle(24), abs=1e-9)
 
 
-def test_untouched_band_is_bridged_and_doubted():
+def test_untouched_band_is_bridged_with_large_deviation():
     touched = stack_points([BALL.band(share) for share in (-0.8, 0.8)] + [BALL.top()])
     heights = np.linspace(0.01, 0.05, 30)
     radius = np.sqrt(fitted(touched).squared(heights, TURNS))
@@ -93,10 +93,10 @@ def test_untouched_band_is_bridged_and_doubted():
     assert 0.0 < 10 * at_bands < min(between, 3e-4)
 
 
-def test_noise_is_averaged_as_deviation_says():
+def test_stated_deviation_is_error_of_averaged_noise():
     sigma, heights = 5e-5, np.linspace(0.01, 0.05, 30)
     touched = noisy(everywhere(BALL), sigma, 1)
-    # Of a single touch no shift is looked for: the spline is made as stiff as the noise asks.
+    # A single touch has no shift, and the spline becomes stiffer with the noise.
     spline, pose = sides.fit_shifted_spline(touched, fitted(touched))
     assert pose is None and spline.stiffness > 1.0
     error = np.sqrt(spline.squared(heights, TURNS)) - radius_of(heights)
@@ -121,12 +121,12 @@ def test_level_faces_and_points_outside_heights_are_left_out():
             fitted(none)
 
 
-def test_unmeasured_normals_are_those_of_surface():
+def test_estimated_normals_are_those_of_surface():
     touched = everywhere(EGG)
     side = np.abs(touched.points[:, 2] - 0.03) < 0.02
-    found = sides.with_normals(touched._replace(normals=None), UP, 0.0, HEIGHT).normals
-    assert found is not None and touched.normals is not None
-    cosines = np.einsum("ni,ni->n", found, touched.normals)[side]
+    normals = sides.with_normals(touched._replace(normals=None), UP, 0.0, HEIGHT).normals
+    assert normals is not None and touched.normals is not None
+    cosines = np.einsum("ni,ni->n", normals, touched.normals)[side]
     assert cosines.min() > np.cos(np.radians(0.5))
     assert sides.with_normals(touched, UP, 0.0, HEIGHT) is touched
 
@@ -160,41 +160,40 @@ def kept_of(spline: RadialSpline, pose: float | None = None, reach: float = 0.00
 
 @pytest.mark.parametrize(("height", "turn"), [(0.0313, 0.479), slow(0.02, 0.6)])
 def test_gap_has_deviation_of_its_size(height, turn):
-    told = []
+    deviations = []
     for width in (0.0, 0.012):
         touched = with_gap(width, height, turn)
-        fit = kept_of(bridged(touched, fitted(touched)))
-        told.append(np.sqrt(np.interp(height, fit.band_heights, fit.deviations**2)))
-    # The share of the ring that it takes, and what a cone of its width has on average across.
+        fit = kept_of(with_gaps_bridged(touched, fitted(touched)))
+        deviations.append(np.sqrt(np.interp(height, fit.band_heights, fit.deviations**2)))
+    # Its share of the ring, and the mean depth of a cone of its width.
     ring = 2 * np.pi * np.sqrt(0.03**2 - (height - 0.03) ** 2)
-    assert told[0] < 1e-5
-    assert told[1] == pytest.approx(0.012 * np.sqrt(0.012 / ring / 3), rel=0.4)
+    assert deviations[0] < 1e-5
+    assert deviations[1] == pytest.approx(0.012 * np.sqrt(0.012 / ring / 3), rel=0.4)
 
 
-def test_gaps_are_bridged_and_not_carried_on_to_axis():
+def test_bridged_gap_does_not_plunge_to_axis():
     touched, across = with_gap(0.014), np.linspace(-0.04, 0.08, 25)
     plain = fitted(touched)
-    skin = bridged(touched, plain)
-    plunging, bridge = (
-        np.sqrt(each.squared(np.array([0.03]), across)).min() for each in (plain, skin)
-    )
+    skin = with_gaps_bridged(touched, plain)
+    radii = [np.sqrt(fit.squared(np.array([0.03]), across)).min() for fit in (plain, skin)]
+    plunging, bridge = radii
     assert bridge > 0.02
     assert plunging < 0.5 * bridge
 
 
 @pytest.mark.parametrize("kind", ["between rings", "single points", "none"])
-def test_what_is_no_gap_is_left_alone(kind):
+def test_spline_without_gaps_is_unchanged(kind):
     touched = with_gap(0.012 if kind == "single points" else 0.0)
     if kind == "between rings":
         kept = np.abs(touched.points[:, 2] - 0.03) > 0.006
-        touched = ContactPoints(*(np.asarray(each)[kept] for each in touched))
+        touched = ContactPoints(*(np.asarray(field)[kept] for field in touched))
     if kind == "single points":
         touched = touched._replace(touch=np.arange(len(touched.points)))
     spline = fitted(touched)
-    assert bridged(touched, spline) is spline
+    assert with_gaps_bridged(touched, spline) is spline
 
 
-def test_side_reaches_as_far_as_every_sector_was_touched():
+def test_coverage_ends_where_some_sector_is_untouched():
     turns, heights = np.tile((np.arange(24) + 0.5) / 24, 4), np.repeat([0.0, 0.01, 0.02, 0.03], 24)
     moved = heights.copy()
     moved[3], moved[77] = 0.005, 0.027
@@ -243,24 +242,24 @@ def ball_error(spline: RadialSpline) -> float:
 
 
 @pytest.mark.parametrize(("pose", "gain"), [(POSE, 0.7), *OTHER])
-def test_shifts_of_touches_are_found_with_surface(pose, gain):
+def test_shifts_of_touches_lower_error_of_surface(pose, gain):
     errors = []
     for seed in range(1 if pose == POSE else 2):
-        plain, found, sigma = shifted(seed, pose)
+        plain, spline, sigma = shifted(seed, pose)
         assert sigma is not None and 0.5 * pose < sigma < 1.4 * pose
-        assert found.sigma < 2.0 * TAXEL
-        errors.append((ball_error(found), ball_error(plain)))
+        assert spline.sigma < 2.0 * TAXEL
+        errors.append((ball_error(spline), ball_error(plain)))
     after, before = np.mean(errors, axis=0)
     assert after < gain * before
 
 
-def test_stated_errors_hold_what_shifts_leave():
-    _, found, sigma = shifted(0)
-    told = rms(found.deviation(np.linspace(0.008, 0.052, 10), TURNS))
-    assert ball_error(found) < 1.5 * told < 4.0 * ball_error(found)
-    fit = kept_of(found, sigma, 0.008)
+def test_stated_errors_bound_errors_after_shifts():
+    _, spline, sigma = shifted(0)
+    stated = rms(spline.deviation(np.linspace(0.008, 0.052, 10), TURNS))
+    assert ball_error(spline) < 1.5 * stated < 4.0 * ball_error(spline)
+    fit = kept_of(spline, sigma, 0.008)
     wanted = radius_of(fit.band_heights)
-    off = (np.sqrt(found.squared(fit.band_heights, TURNS)) - wanted) * wanted / 0.03
+    off = (np.sqrt(spline.squared(fit.band_heights, TURNS)) - wanted) * wanted / 0.03
     assert 0.9 < np.mean(np.abs(off) < 1.96 * fit.deviations[:, None]) <= 1.0
     v, turns = np.random.default_rng(0).uniform(0.02, 0.98, (2, 40))
     assert_derivatives(fit.patch.at, v, turns, 1e-4, 1.0, fit.patch.on_grid)
@@ -272,9 +271,9 @@ def test_stated_errors_hold_what_shifts_leave():
 
 
 @pytest.mark.parametrize("kind", ["exact", slow("edges"), "one touch", "few taxels"])
-def test_no_shift_is_believed_without_reason(kind):
+def test_no_shift_is_estimated_without_pose_error(kind):
     touched = patches(2, 60, 0.0, 0.0 if kind == "exact" else TAXEL)
-    if kind == "edges":  # What a spline leaves of edges is no shift: waves within each touch
+    if kind == "edges":  # residuals of a spline at edges: waves within each touch
         waves = 1e-4 * np.sin(4000.0 * touched.points @ np.array([1.0, 0.3, 0.7]))
         touched = touched._replace(
             points=touched.points + waves[:, None] * np.asarray(touched.normals)
@@ -284,9 +283,9 @@ def test_no_shift_is_believed_without_reason(kind):
     if kind == "few taxels":
         touched = patches(3, 60)._replace(touch=np.arange(4800, dtype=np.int32) // 8)
     plain = fitted(touched)
-    found, sigma = sides.fit_shifted_spline(touched, plain)
+    spline, sigma = sides.fit_shifted_spline(touched, plain)
     assert sigma is None
-    assert found is plain if kind == "exact" else found.stiffness >= plain.stiffness
+    assert spline is plain if kind == "exact" else spline.stiffness >= plain.stiffness
 
 
 def test_axis_bends_with_middles_but_not_with_noise():

@@ -161,7 +161,7 @@ def test_integrals_of_pieces_between_edges_are_exact():
     size, low, high = np.full(3, 0.03), -1.0, 0.5
     bottom, rim = 0.03 * np.sin([low, high])
     frustum = end_of(lambda z: 4.0 - 3.0 * z, 0.02)  # Its profile narrows from 1.3 to 1
-    share = float(frustum.profile.shares(np.ones(1))[0])
+    share = float(frustum.profile.radius_ratios(np.ones(1))[0])
     top = replace(frustum, rim=rim, height=rim + 0.02)
     below = replace(FAN, rim=bottom, height=bottom)
     found = surfaces.measure_surface(close_surface(EllipsoidSide(size, low, high), below, top))
