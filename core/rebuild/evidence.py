@@ -21,13 +21,13 @@ from palpate.core.rebuild.contours import (
     contour_curves,
     inconsistent_contours,
     interpolation_errors,
-    look_like_features,
+    may_be_features,
     match_slices,
     neighbour_misfits,
     point_outliers,
     refitted_curve,
     restack,
-    slid_grid,
+    slide_along_curves,
     stack_curves,
 )
 from palpate.reprs import readable
@@ -146,18 +146,18 @@ def _in_order(slices: Slices) -> Slices:
 
 def _without_bad(slices: Slices, matched: Correspondence) -> tuple[Slices, Correspondence, Floats]:
     """Without contours that neighbours contradict; by how much those are off that stay, (M,)."""
-    grid = slid_grid(slices.heights, slices.fine, matched.places)
+    grid = slide_along_curves(slices.heights, slices.fine, matched.places)
     found = inconsistent_contours(slices.heights, grid)
     if found.bad.any():  # how far curves may be off between points is looked at only then
         uncertain = interpolation_errors(slices.loops)
         found = inconsistent_contours(slices.heights, grid, uncertain)
     if not found.bad.any():
         return slices, matched, np.zeros(len(found.bad))
-    perhaps = look_like_features(matched.grid, slices.star, found.bad)
+    perhaps = may_be_features(matched.grid, slices.star, found.bad)
     bad = found.bad if len(perhaps) >= MANY else found.bad & ~perhaps
-    kept = np.where(found.bad & ~bad, found.off, 0.0)[~bad]
+    kept = np.where(found.bad & ~bad, found.offsets, 0.0)[~bad]
     if bad.any():
-        slices = slices.without(bad, "unlike its neighbours", found.off, perhaps)
+        slices = slices.without(bad, "unlike its neighbours", found.offsets, perhaps)
         matched = _matched(slices)
     return slices, matched, kept
 
@@ -167,10 +167,10 @@ def _misfits(slices: Slices, matched: Correspondence) -> Floats:
     stack = slices.heights, slices.fine, matched.places
     off = np.zeros(len(slices.heights))
     candidates = [
-        neighbour_misfits(slices.heights, one) for one in (matched.grid, slid_grid(*stack))
+        neighbour_misfits(slices.heights, one) for one in (matched.grid, slide_along_curves(*stack))
     ]
     for row in np.flatnonzero(np.any(candidates, axis=0)).tolist():
-        off[row] = neighbour_misfits(slices.heights, slid_grid(*stack, alone=row))[row]
+        off[row] = neighbour_misfits(slices.heights, slide_along_curves(*stack, passive=row))[row]
     if off.any():
         off[off <= interpolation_errors(slices.loops)] = 0.0
     return off

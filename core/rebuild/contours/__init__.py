@@ -31,10 +31,10 @@ from palpate.core.rebuild.contours.neighbours import (
     FeatureCandidate as FeatureCandidate,
     inconsistent_contours as inconsistent_contours,
     interpolation_errors as interpolation_errors,
-    look_like_features as look_like_features,
+    may_be_features as may_be_features,
     neighbour_misfits as neighbour_misfits,
     neighbour_weights as neighbour_weights,
-    slid_grid as slid_grid,
+    slide_along_curves as slide_along_curves,
 )
 from palpate.core.rebuild.contours.ordering import (
     order_points as order_points,

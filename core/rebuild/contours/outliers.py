@@ -13,7 +13,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from palpate.core.arrays import PROBABLE_ERROR, Bools, Floats
-from palpate.core.rebuild.contours.curves import ContourCurve, chord_places, same_steps
+from palpate.core.rebuild.contours.curves import ContourCurve, chord_places, has_even_steps
 from palpate.core.rebuild.contours.neighbours import lagrange_weights
 
 # Deviations of the points' noise from which on one is off; and, of what the contours beside it are
@@ -112,7 +112,7 @@ def _in_a_row(loops: tuple[ContourCurve, ...]) -> _Points:
     judged = counts[owner] >= LEAST_POINTS
     ahead = np.where(judged[:, None], ahead, reach)  # Some of few are on both sides: not judged
     slack = [
-        0.0 if same_steps(loop.curve.parameters) else loop.perimeter / len(loop.points)
+        0.0 if has_even_steps(loop.curve.parameters) else loop.perimeter / len(loop.points)
         for loop in loops
     ]
     points = np.concatenate([loop.as_given for loop in loops])

@@ -125,7 +125,7 @@ def test_no_clean_contour_is_bad(name):
     uneven[1:-1] += 0.3 * (LEVELS[1] - LEVELS[0]) * shift
     for noise, heights in product((0.0, 0.4 * NOISE, NOISE), (LEVELS, uneven)):
         found = stacks.inconsistent_contours(heights, grid_of(name, heights, noise))
-        assert not found.bad.any() and not found.off.any()
+        assert not found.bad.any() and not found.offsets.any()
 
 
 @pytest.mark.parametrize("name", ["lobed", "ball", "cylinder", "edge", "bottle"])
@@ -136,9 +136,9 @@ def test_contour_of_other_size_is_found(name):
         grid[row] *= factor
         found = stacks.inconsistent_contours(LEVELS, grid)
         assert np.flatnonzero(found.bad).tolist() == [row]
-        assert found.off[row] == pytest.approx(0.3 * size, rel=0.25)
+        assert found.offsets[row] == pytest.approx(0.3 * size, rel=0.25)
         scaled = stacks.inconsistent_contours(1e-3 * LEVELS + 4.0, 1e-3 * grid + [7.0, -3.0])
-        assert scaled.off == pytest.approx(1e-3 * found.off, rel=1e-6)
+        assert scaled.offsets == pytest.approx(1e-3 * found.offsets, rel=1e-6)
 
 
 def spoilt(name: str, rows: Any, by: float = 1.3) -> Floats:
