@@ -1,9 +1,8 @@
-"""What was touched, put in order.
+"""Contact points and contours: closed curves, stacks of slices, outliers, correspondence.
 
-Contact points, contours as closed curves, the stack of slices, what is wrong with them, which
-places correspond. Thresholds for outliers and for contours that neighbours contradict may be
-tuned: they are in standard deviations, or shares of a perimeter or radius. It rests on plane
-geometry and closed curves of `palpate.core.splines`; nothing here knows of surfaces.
+Thresholds are fields of settings classes: standard deviations, or fractions of a perimeter or
+radius. The package uses plane geometry and the closed curves of `palpate.core.splines`, and no
+surfaces.
 """
 
 from palpate.core.rebuild.contours.contacts import (
