@@ -432,7 +432,7 @@ def curve_places(curves: Sequence[splines.ClosedCurve], turns: Floats) -> Floats
     if any(even):
         together = [curve for curve, is_even in zip(curves, even, strict=True) if is_even]
         points[even] = _even_places(together, turns[even])
-    for row in np.flatnonzero(~np.array(even)):
+    for row in np.flatnonzero(~np.array(even)).tolist():
         curve, inside = curves[row], np.mod(turns[row], 1.0)
         points[row] = splines.closed_curve_points(curve.control, curve.knots, inside)
     return points
