@@ -111,8 +111,7 @@ def reported(
     rms = float(np.sqrt(np.mean(residuals[inliers] ** 2)))
     free = np.ones(warps.total, bool)
     free[3:5] = not chosen
-    left = int(inliers.sum()) - int(free.sum())
-    near = residuals[inliers]
+    left, near = int(inliers.sum()) - int(free.sum()), residuals[inliers]
     scatter = float(np.sqrt(near @ near / left)) if left > 0 else settings.unknown_scatter
     covariance, rank, condition = certainty(jacobian[inliers], noise or scatter, free, settings)
     share, loose = 1.0, 1.0  # of a folded solid, nothing is known
@@ -122,7 +121,12 @@ def reported(
         slopes = normal_distances(parameters[None], places, solid.axes[None], warps)[1][0]
         loose = looseness(slopes, covariance, solid.exponents)
     upper_loose = loose * (scatter_factor(left, settings.tail) if noise is None else 1.0)
-    flat = float(solid.size.min()) < settings.min_thickness * rms
+    warnings = _warnings(
+        result,
+        flat=float(solid.size.min()) < settings.min_thickness * rms,
+        one_sided=share > settings.max_uncovered,
+        loose=upper_loose > settings.max_looseness,
+    )
     units = np.diag(units_of(warps, unit))
     units[8:11, 8:11] = unit * solid.axes
     names = {pair: name for name, pair in CHOICES.items()}
@@ -142,12 +146,7 @@ def reported(
         uncovered=share,
         looseness=unit * loose,
         converged=result.converged,
-        warnings=_warnings(
-            result,
-            flat=flat,
-            one_sided=share > settings.max_uncovered,
-            loose=upper_loose > settings.max_looseness,
-        ),
+        warnings=warnings,
         choice=names[solid.exponents[0], solid.exponents[1]] if chosen else None,
         starts=result.starts,
         steps=result.steps,
@@ -388,7 +387,7 @@ def are_identical(extent: float, points: Floats) -> bool:
 
 
 def canonical(solid: CanonicalSolid) -> CanonicalSolid:
-    """The equivalent solid with the larger width along x, and axes least turned from the world's."""
+    """The equivalent solid with its larger width along x, least turned from the world's axes."""
     if solid.size[1] > solid.size[0]:
         solid = CanonicalSolid(
             solid.size[[1, 0, 2]],
