@@ -32,7 +32,7 @@ from palpate.core.rebuild.protocol import Closest, Solid, SolidMeasures
 from palpate.core.rebuild.recovery import Recovery
 from palpate.core.rebuild.side import POSE_LEFT, ContourLoft, Side, Uncertainty
 from palpate.core.rebuild.surface import (
-    DEFAULT_TOLERANCE,
+    MeshSettings,
     EndPatch,
     Patch,
     SampledPatch,
@@ -142,7 +142,7 @@ class LatticeSolid(Solid):
         """Triangles that leave the surface by a tolerance, or as noise lets: `mesh_surface`."""
         if tolerance is None and self.side is not None:
             noise = NOISE_SHARE * self.side.sigma
-            tolerance = max(DEFAULT_TOLERANCE * self.surface.size, noise)
+            tolerance = max(MeshSettings().default_tolerance * self.surface.size, noise)
         return mesh_surface(self.surface, tolerance)
 
     def measures(self) -> SolidMeasures:

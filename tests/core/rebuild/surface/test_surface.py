@@ -130,7 +130,7 @@ def test_derivatives_are_those_of_differences_and_pieces_meet(name):
         (lambda: close_surface(EllipsoidSide(SIZE * [1, -1, 1])), "must run counter-clockwise"),
         (lambda: mesh_surface(whole(), 0.0), "tolerance must be positive and finite"),
         (lambda: mesh_surface(whole(), np.inf), "tolerance must be positive and finite"),
-        (lambda: mesh_surface(whole(), 1e-9), "tolerance must let 2000000 vertices suffice, got"),
+        (lambda: mesh_surface(whole(), 1e-9), "tolerance must need at most 2000000 vertices, got"),
         (lambda: searched("whole").nearest([[np.nan, 0.0, 0.0]]), "points must be finite"),
     ],
 )
@@ -215,7 +215,7 @@ def test_meshes_with_ends_are_closed_and_within_tolerance(name):
     mesh = mesh_surface(surface)
     body = solidity(mesh.vertices, mesh.faces)
     assert body[:3] == (True, 1, 0) and body.volume > 0.0
-    assert farthest(surface, mesh) <= surfaces.DEFAULT_TOLERANCE * surface.size
+    assert farthest(surface, mesh) <= surfaces.MeshSettings().default_tolerance * surface.size
     assert self_intersection(mesh.vertices, mesh.faces).count == 0
 
 
