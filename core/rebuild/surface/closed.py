@@ -193,6 +193,7 @@ def close_surface(
     side: Patch,
     bottom: End | None = None,
     top: End | None = None,
+    *,
     settings: ClosureSettings = ClosureSettings(),
 ) -> Surface:
     """A side closed by its ends; ValueError if it runs clockwise or is open."""
