@@ -58,16 +58,16 @@ def assert_derivatives(
     And what a surface answers on a grid is what it answers at each place of it.
     """
     for by in [(0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2)]:
-        found = at(v, turns, by)
-        size = max(float(np.abs(found).max()), float(np.abs(at(v, turns, (0, 0))).max()))
+        values = at(v, turns, by)
+        size = max(float(np.abs(values).max()), float(np.abs(at(v, turns, (0, 0))).max()))
         if on_grid is not None:
             grid = on_grid(v, turns, by)[np.arange(len(v)), np.arange(len(v))]
-            assert np.abs(grid - found).max() < 1e-9 * size
+            assert np.abs(grid - values).max() < 1e-9 * size
         h, t = (1e-5, 0.0) if by[0] else (0.0, 1e-5)
         lower = (by[0] - 1, by[1]) if by[0] else (0, by[1] - 1)
         if sum(by):
             slopes = (at(v + h, turns + t, lower) - at(v - h, turns - t, lower)) / 2e-5
-            assert np.quantile(np.abs(found - slopes).max(axis=1), share) < tolerance * size
+            assert np.quantile(np.abs(values - slopes).max(axis=1), share) < tolerance * size
 
 
 def contacts(points: Floats, normals: Floats | None, touch: Any = None) -> ContactPoints:
@@ -227,8 +227,8 @@ class Traced:
         ends = np.concatenate([[0.0], np.cumsum(lengths)])
         count = int(points * self.rng.uniform(0.8, 1.25))
         at = np.mod(self.rng.uniform() + np.arange(count) / count, 1.0) * ends[-1]
-        found = np.column_stack([np.interp(at, ends, closed[:, axis]) for axis in (0, 1)])
-        return at_height(found[::-1] if self.rng.uniform() < 0.5 else found, height)
+        traced = np.column_stack([np.interp(at, ends, closed[:, axis]) for axis in (0, 1)])
+        return at_height(traced[::-1] if self.rng.uniform() < 0.5 else traced, height)
 
     def contours(self, heights: Floats, points: int, noise: float = 0.0) -> list[Floats]:
         """One at each height, with noise in all three coordinates."""
