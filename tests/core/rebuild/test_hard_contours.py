@@ -1,4 +1,4 @@
-"""Contours of which something is wrong, and shapes on which rebuilding easily fails."""
+"""Faulty contours, and shapes on which rebuilding easily fails."""
 
 from typing import Any
 
@@ -12,7 +12,7 @@ from tests.core.rebuild.objects import SECTIONS, at_height, circle, is_closed, p
 HALF = 50.0
 HEIGHTS = np.linspace(-49.0, 49.0, 9)
 TOPS = np.array([[0.0, 0.0, HALF], [0.0, 0.0, -HALF]])
-VOLUME = 30.0**2 * np.pi * (1.0 + 0.1**2 / 2.0) * 2 * HALF  # Of the lobed column
+VOLUME = 30.0**2 * np.pi * (1.0 + 0.1**2 / 2.0) * 2 * HALF  # of the lobed column
 
 
 def ring(z: float, count: int = 60, radius: float = 30.0) -> Floats:
@@ -111,7 +111,7 @@ def test_few_contours_give_closed_solid(count, off):
     assert solid.volume == pytest.approx(VOLUME, rel=off)
     assert solid.health()["reparametrised"] == 0.0
     exact = skin([ring(0.0)] if count == 1 else rings(count), noise=1.0)
-    assert exact.health()["outlying_points"] == 0.0  # However much noise is declared
+    assert exact.health()["outlying_points"] == 0.0  # whatever noise is stated
 
 
 def test_dropped_contour_of_other_size_may_be_feature():
@@ -138,7 +138,7 @@ def test_neck_of_one_contour_stays_among_few(count):
     assert (kept, dropped) == (([which], []) if count < 12 else ([], [(which, True)]))
     assert solid.health()["suspicious"] == len(listed)
     assert all(4.0 < off < 8.0 for _, off in listed)
-    lobes = 1 + 0.3 * np.cos(6 * np.pi * np.arange(60) / 60)  # Of another shape it goes
+    lobes = 1 + 0.3 * np.cos(6 * np.pi * np.arange(60) / 60)  # a neck of another shape is dropped
     contours[which] = contours[which] * lobes[:, None] ** [1, 1, 0]
     other = [(one.which, one.may_be_feature) for one in skin(contours).slices.dropped]
     assert other == [(which, False)] or count < 9
@@ -256,7 +256,7 @@ def test_any_contours_give_closed_solid_or_error():
     rng = np.random.default_rng(0)
     for trial in range(14):
         contours = []
-        for _ in range(rng.integers(1, 8)):  # Contours of which anything may be wrong
+        for _ in range(rng.integers(1, 8)):  # contours with random faults
             turns, radius = (
                 np.sort(rng.random(rng.choice([0, 1, 3, 5, 24]))),
                 rng.choice([0, 1e-3, 1]),

@@ -1,4 +1,4 @@
-"""What every solid answers, whatever it was rebuilt from: the laws of `palpate.Solid`."""
+"""The interface of all solids, `palpate.Solid`, whatever they were rebuilt from."""
 
 import sys
 from dataclasses import fields
@@ -70,7 +70,7 @@ SHAPES = {
 
 @pytest.fixture(params=sorted(SHAPES))
 def shape(request):
-    """A solid of each class, with its true distance, volume, area and genus, and how far off."""
+    """A solid of each class, with its true distance, volume, area, genus, and a tolerance."""
     return (request.getfixturevalue(request.param), *SHAPES[request.param])
 
 

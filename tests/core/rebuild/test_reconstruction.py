@@ -87,7 +87,7 @@ def apart(first: LatticeSolid, second: LatticeSolid) -> float:
 
 
 def apart_moved(first: LatticeSolid, second: LatticeSolid) -> float:
-    """How far the first, moved, is from the second, over the size."""
+    """Largest distance of the first solid, moved, from the second, over the size."""
     return float(np.abs(moved(places(first)) - places(second)).max()) / SIZE
 
 
@@ -97,8 +97,8 @@ def apart_moved(first: LatticeSolid, second: LatticeSolid) -> float:
         ("lattice", False, 2e-4),
         ("skin", False, 2e-4),
         ("draft", False, 2e-4),
-        ("thesis", False, 0.06),  # It closes with cones
-        slow("thesis", True, None),  # Its volume is wrong
+        ("thesis", False, 0.06),  # it closes with cones
+        slow("thesis", True, None),  # its volume is wrong
         ("coarse", False, 1e-6),
     ],
 )
@@ -157,7 +157,7 @@ def test_order_direction_start_and_repeated_points_do_not_change_solid():
 @pytest.mark.parametrize("method", ["lattice", "skin", *SLOW])
 def test_solid_of_moved_contours_is_moved_solid(method):
     still, other = upright(method), tilted(method)
-    # A superquadric is found by iterations, which end at a cosine of 1e-9.
+    # A superquadric is fitted by iterations that end at a cosine of 1e-9.
     assert apart_moved(still, other) < (1e-10 if method == "coarse" else 1e-12)
     assert other.uncovered == pytest.approx(still.uncovered, abs=1e-12)
     assert still.frame is None
@@ -175,7 +175,7 @@ def test_measures_distances_and_deviations_move_with_solid():
     before, after = still.measures(), other.measures()
     assert after.area_m2 == pytest.approx(before.area_m2, rel=1e-12)
     assert after.volume_m3 == pytest.approx(before.volume_m3, rel=1e-12)
-    # Quadrature along the world's axes errs differently.
+    # Quadrature along the world's axes has another error.
     assert after.centroid_m == pytest.approx(moved(before.centroid_m[None])[0], abs=1e-6 * SIZE)
     points = 0.03 * np.random.default_rng(0).normal(size=(40, 3))
     near, there = still.search().nearest(points), other.search().nearest(moved(points))
@@ -200,7 +200,7 @@ def test_contacts_normals_and_grasp_move_with_frame(evidence):
         there["patches"] = ContactPoints(moved(touched.points), normals, touched.touch)
     elif evidence == "normals":
         across = [np.asarray(true.contacts_at(still).normals).copy() for still in rings]
-        across[2][7] = np.nan  # One that was not measured
+        across[2][7] = np.nan  # not measured
         here["normals"], there["normals"] = across, [rotated(each) for each in across]
     else:
         grasp = reconstruct(rings, method="coarse").model
@@ -255,7 +255,7 @@ COLUMN_TOPS = np.array([[0.0, 0.0, 50.0], [0.0, 0.0, -50.0]])
 def test_updated_solid_equals_solid_of_all_contours(method):
     noise = 2e-4 * np.random.default_rng(0).normal(size=(11, 60, 3))
     contours = [one + noise[i, : len(one)] for i, one in enumerate(EGG)]
-    contours[4][7, :2] *= 1.1  # A point far off
+    contours[4][7, :2] *= 1.1  # an outlier
     at_once = reconstruct([*contours, contours[4]], tops=TOPS, method=method)
     updated = reconstruct(contours[:-1], tops=TOPS, method=method).update(contours[-1])
     updated = updated.update(contours[4])

@@ -70,7 +70,7 @@ def test_few_contours_give_closed_solid_on_platform(shares):
     assert places(solid)[:, 2].max() == pytest.approx(0.06, abs=2e-4)
     high = Oracle([0.03, 0.03, 0.4], [1.0, 1.0]).rebuilt(shares, top=False)
     assert high.health()["radial_stretched"] == (len(shares) == 1)
-    if len(shares) == 3:  # A wall that nobody saw end may go on by a spacing
+    if len(shares) == 3:  # an untouched wall may extend by the spacing of the contours
         wall = Oracle([0.025, 0.025, 0.04], [0.05, 1.0]).rebuilt(shares, top=False)
         assert wall.uncovered == (0.0, pytest.approx(0.8 * 0.04, rel=0.01))
 
@@ -99,7 +99,7 @@ def test_contours_give_side_where_contacts_do_not_suffice(case):
         rings, touched, tops = Oracle(*BALL).evidence(NINE)
         touched = ContactPoints(*(np.asarray(one)[:50] for one in touched))
     else:
-        turn = np.linspace(0.15, 2 * np.pi - 0.15, 120)  # A thick arc, seen whole from nowhere
+        turn = np.linspace(0.15, 2 * np.pi - 0.15, 120)  # a thick arc, which no place sees whole
         out = np.column_stack([np.cos(turn), np.sin(turn)])
         plane = np.concatenate([0.04 * out, 0.025 * out[::-1]])
         rings = [at_height(plane, z) for z in np.linspace(0.01, 0.05, 5)]
@@ -178,9 +178,9 @@ def test_untouched_ends_increase_stated_deviation():
         for tops in (ends(-0.05, 0.05), ends(-0.05, 0.05)[1:], None)
     )
     assert 5.0 * both < upper < none
-    # 10 mm that it may go on, all lengths alike, on an end that is a seventh of the surface.
+    # The end, a seventh of the surface, may extend by 10 mm, with equal probability of all heights.
     assert 2e-3 < none < 4e-3
-    away = [0.046, 0.048, 0.052, 0.06]  # An end hides more the farther the last contour is
+    away = [0.046, 0.048, 0.052, 0.06]  # the farther the last contour, the more is hidden
     stated = [deviation_of(reconstruct(column(), tops=ends(-z, z), method="skin")) for z in away]
     assert stated == sorted(stated)
     assert stated[-1] > 5.0 * stated[0]
@@ -245,7 +245,7 @@ def oblique() -> LatticeSolid:
 
 
 def oblique_points() -> Floats:
-    """Of the true column: side and top, up to half a millimetre from their edge."""
+    """Points of the true column: side and top, up to 0.5 mm from their edge."""
     rng = np.random.default_rng(1)
     turn = rng.uniform(0.0, 2.0 * math.pi, 600)
     out = np.column_stack([np.cos(turn), np.sin(turn)])
@@ -298,7 +298,7 @@ def test_oblique_top_survives_update_motion_and_mirror(change):
         v, turns = np.linspace(0.0, 1.0, 21), np.linspace(0.0, 1.0, 21)
         expected = Pose.from_array(pose).to_outer(solid.surface.at(v, turns))
         assert rebuilt.surface.at(v, turns) == pytest.approx(expected, abs=1e-9)
-    else:  # A mirror image, whose upper end is known by its height alone
+    else:  # mirrored, with an upper end of which only the height is known
         mirror = np.diag([1.0, 1.0, -1.0])
         rebuilt = rebuilt_as(lambda points: points @ mirror, mirror)
         assert rebuilt.uncovered[1] == 0.0
@@ -307,7 +307,7 @@ def test_oblique_top_survives_update_motion_and_mirror(change):
 
 
 def rebuilt_as(moved: Callable[[Floats], Floats], turn: Floats, **more: Any) -> LatticeSolid:
-    """The column touched elsewhere."""
+    """The column from moved contacts."""
     touched = column_touches()
     there = touched._replace(
         points=moved(touched.points), normals=np.asarray(touched.normals) @ turn.T

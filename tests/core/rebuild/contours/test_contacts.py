@@ -21,7 +21,7 @@ HERE = Pose(np.zeros(3), np.eye(3))
 
 
 def touched_surface(pad: Pad, surface: Floats, touched: Floats = ALL) -> ContactPoints:
-    """What a pad at the origin touches of a surface over it."""
+    """Contacts of a pad at the origin with a surface over it."""
     fitted = fit_jet(pad, surface, touched)
     assert fitted is not None
     return surface_points(pad, HERE, surface, touched, fitted.jet)
@@ -65,7 +65,7 @@ def test_smooth_surface_keeps_normals_of_its_jet(noise):
     x, y = FLAT.grid()
     smooth = (x**2 - 0.5 * x * y) / 0.03
     result = touched_surface(FLAT, smooth + np.random.default_rng(1).normal(0.0, noise, x.shape))
-    assert len(result.points) > 253  # One taxel in a hundred may be doubted
+    assert len(result.points) > 253  # one taxel in a hundred may be left out
     at = result.points[:, :2]
     expected = np.column_stack([2.0 * at[:, 0] - 0.5 * at[:, 1], -0.5 * at[:, 0]]) / 0.03
     assert (
@@ -126,7 +126,7 @@ def test_point_with_normal_gives_three_points_on_surface():
     assert np.allclose(np.hypot(*result.points[:, :2].T), 0.1 - result.points[:, 2], atol=1e-15)
     assert np.allclose(np.linalg.norm(np.asarray(result.normals), axis=1), 1.0)
     assert np.bincount(result.touch).tolist() == [3] * 36
-    # They reach a part of the spacing of the contours up and down the slope.
+    # Their distance is a fraction of the spacing of the contours.
     apart = np.linalg.norm(result.points[2] - result.points[0])
     assert 5e-4 < apart < 5e-3
     assert np.allclose(0.5 * (result.points[2] + result.points[0]), result.points[1], atol=1e-15)

@@ -1,4 +1,4 @@
-"""Single points and whole contours that neighbours contradict."""
+"""Single points and whole contours that contradict their neighbours."""
 
 from collections.abc import Callable
 from itertools import product
@@ -31,7 +31,7 @@ def vase(edged: bool, noise: float = 0.0, seed: int = 0) -> Floats:
 
 
 def found_in(contours: Floats) -> tuple[Any, Bools]:
-    """What was found, and which of the points (m, n) as they were given that is."""
+    """Outliers, and a mask of the points (m, n) in their given order."""
     slices = stacks.stack_curves(stacks.contour_curves(list(contours)))
     outliers = stacks.point_outliers(slices.loops, stacks.match_slices(slices, COUNT).places)
     out = np.zeros(contours.shape[:2], bool)
@@ -83,7 +83,7 @@ def test_corner_shared_by_neighbours_is_no_outlier():
     alone[7, 20, :2] *= 1.1
     assert not found_in(ridge)[1].any()
     assert np.argwhere(found_in(alone)[1]).tolist() == [[7, 20]]
-    alone[7, 21, :2] *= 0.93  # Side by side
+    alone[7, 21, :2] *= 0.93  # adjacent outliers
     alone[7, 22, :2] *= 1.1
     assert np.argwhere(found_in(alone)[1]).tolist() == [[7, 20], [7, 21], [7, 22]]
 
@@ -150,17 +150,17 @@ def spoilt(name: str, rows: Any, by: float = 1.3) -> Floats:
 @pytest.mark.parametrize(
     ("grid", "bad"),
     [
-        (spoilt("cylinder", 25, 1.05), [25]),  # Next to an end only where the object goes on
+        (spoilt("cylinder", 25, 1.05), [25]),  # next to an end, if the object does not round off
         (spoilt("ball", 25, 1.05), []),
         (spoilt("cylinder", 0), []),
         (spoilt("cylinder", 26), []),
-        (spoilt("zigzag", 9), []),  # Next to edges of the object
+        (spoilt("zigzag", 9), []),  # next to edges of the object
         (spoilt("cylinder", slice(2, None, 5)), [2, 7, 12, 17, 22]),
         (spoilt("cylinder", slice(0, None, 2)), []),
-        (spoilt("cylinder", 13, 1.02), []),  # Little harm
+        (spoilt("cylinder", 13, 1.02), []),  # too small to matter
         *((spoilt("lobed", rows), rows) for rows in ([5, 13, 20], [5, 8, 20], [2, 12, 24])),
         *((spoilt(name, [9, 11, 18]), [9, 11, 18]) for name in ("lobed", "cylinder", "ball")),
-        (spoilt("cylinder", 4)[:9], [4]),  # Fewer than nine do not tell
+        (spoilt("cylinder", 4)[:9], [4]),  # eight contours are too few
         (spoilt("cylinder", 4)[:8], []),
         (grid_of("bottle") + [0.1, -0.05] * (np.arange(27) == 7)[:, None, None], [7]),
         (np.where((np.arange(27) == 7)[:, None, None], turned(1.6 * OVAL, 0.45), 1.6 * OVAL), [7]),
@@ -168,7 +168,7 @@ def spoilt(name: str, rows: Any, by: float = 1.3) -> Floats:
 )
 def test_inconsistent_contours_are_found_among_features(grid, bad):
     assert bad_rows(grid, LEVELS[: len(grid)]) == bad
-    unsure = np.full(len(grid), 0.8)  # Their curves may be off as much
+    unsure = np.full(len(grid), 0.8)  # error of the curves between points
     assert not stacks.inconsistent_contours(LEVELS[: len(grid)], grid, unsure).bad.any()
 
 
@@ -186,15 +186,15 @@ FAR = np.where(np.arange(9) == 8, 20.0, 0.0)
     ("radii", "shift", "off"),
     [
         *(([39.0 if row == i else 30.0 for i in range(6)], 0.0, {row: 9.0}) for row in range(1, 5)),
-        ([30.0] * 8 + [45.0], 0.0, {8: 15.0}),  # An end that is wider, or aside
+        ([30.0] * 8 + [45.0], 0.0, {8: 15.0}),  # an end that is wider, or aside
         ([45.0] + [30.0] * 8, 0.0, {0: 15.0}),
         ([30.0] * 8 + [5.0], 0.0, {}),  # but not one that rounds off
         ([30.0] * 9, FAR, {8: 20.0}),
-        ([30.0, 20.0, 30.0], 0.0, {1: 10.0}),  # Of three the middle one, if narrow or aside
+        ([30.0, 20.0, 30.0], 0.0, {1: 10.0}),  # the middle one of three, if it is narrow or aside
         ([30.0, 45.0, 30.0], 0.0, {}),
         ([30.0] * 3, np.array([0.0, 15.0, 0.0]), {1: 15.0}),
         ([30.0, 10.0], 0.0, {}),
-        ([30.0] * 4 + [27.9] + [30.0] * 4, 0.0, {}),  # By less than a tenth
+        ([30.0] * 4 + [27.9] + [30.0] * 4, 0.0, {}),  # by less than a tenth
         ([30.0] * 4 + [25.5] + [30.0] * 4, 0.0, {4: 4.5}),
     ],
 )

@@ -1,4 +1,4 @@
-"""Contours as closed curves, the stack of them, and which places belong together."""
+"""Contours as closed curves, their stack, and corresponding places."""
 
 from functools import cache
 from typing import Any
@@ -105,7 +105,7 @@ def test_single_wrong_heights_are_found():
 def test_star_shapes_are_recognised_exactly_and_nearly():
     turn = 2 * np.pi * np.arange(256) / 256
     noisy = circle(256) + 0.02 * np.random.default_rng(0).normal(size=(256, 2))
-    angle = turn + 0.6 * np.sin(4 * turn)  # The outline goes back behind itself by half a radian
+    angle = turn + 0.6 * np.sin(4 * turn)  # the outline runs back by half a radian
     hooked = polar(angle / (2 * np.pi), 1 + 0.3 * np.cos(4 * turn))
     figures = np.stack([circle(256), noisy, hooked, circle(256)[::-1], circle(256) + [3.0, 0.0]])
     assert stacks.are_star_shaped(figures).tolist() == [True, False, False, False, False]
@@ -180,7 +180,7 @@ def loft_error(section: Any, slices: Slices, grid: Floats) -> float:
 
 
 def perfect(section: Any, slices: Slices) -> Floats:
-    """The same curves at the places that belong together by the object's making."""
+    """The same curves at places that truly correspond."""
     rows = []
     for curve, z in zip(slices.curves, slices.heights, strict=True):
         fine = curve.at(np.arange(8000) / 8000)
@@ -193,12 +193,12 @@ def test_matched_places_are_as_good_as_true_ones(name):
     slices = stack(name, 9, 24)
     matched = match_slices(slices, COUNT)
     error = loft_error(SECTIONS[name], slices, matched.grid)
-    # 24 points do not hold the corners of a square: which of them are cut is chance.
+    # 24 points do not determine the corners of a square: which of them are cut is chance.
     allowed = 1.15 if name == "square" else 1.03
     exact = loft_error(SECTIONS[name], slices, perfect(SECTIONS[name], slices))
     assert error < allowed * exact + 5e-6
     assert slices.star.all() == (name != "kidney") == ("azimuth" in matched.scores)
-    # What leaving every other contour out would cost is what scores are about.
+    # A score is about the error of a loft through every other contour.
     assert 0.02 * exact < matched.scores[matched.method]
 
 
@@ -210,7 +210,7 @@ def turning(angles: Floats, count: int = 4, depth: float = 0.1) -> Slices:
 
 
 def steps_of(matched: stacks.Correspondence, slices: Slices) -> Floats:
-    """By how many turns the first places are ahead of each other, about the middles."""
+    """Steps [turns] of the first places from slice to slice, about the middles."""
     away = matched.grid[:, 0] - slices.middles
     return np.diff(np.unwrap(np.arctan2(away[:, 1], away[:, 0])) / (2 * np.pi))
 
@@ -220,8 +220,13 @@ def steps_of(matched: stacks.Correspondence, slices: Slices) -> Floats:
     [
         (0.06 * np.arange(8), 3, 0.1, 2e-3),
         (-0.06 * np.arange(8), 3, 0.1, 2e-3),
-        (0.11 * np.arange(8), 4, 0.1, 2e-3),  # Nearly half a lobe each
-        (0.1 * np.arange(8) + 0.05 * (np.arange(8) > 3), 4, 0.1, 6e-3),  # One looks like a lobe
+        (0.11 * np.arange(8), 4, 0.1, 2e-3),  # nearly half a lobe each
+        (
+            0.1 * np.arange(8) + 0.05 * (np.arange(8) > 3),
+            4,
+            0.1,
+            6e-3,
+        ),  # one step looks like a lobe
     ],
 )
 def test_signature_follows_lobes(angles, count, depth, tolerance):

@@ -1,4 +1,4 @@
-"""Control lattices that become the side: fidelity, folds, derivatives, refinement."""
+"""Control lattices that follow a side: accuracy, folds, derivatives, refinement."""
 
 from dataclasses import replace
 from functools import cache
@@ -69,7 +69,9 @@ def test_derivatives_of_side_are_those_of_differences(weighted):
         weights = np.random.default_rng(1).uniform(0.5, 2.0, fit.lattice.control.shape[:3])
         fit = replace(fit, lattice=fit.lattice.with_control(fit.lattice.control, weights))
     v, turns = np.random.default_rng(0).uniform(0.02, 0.98, (2, 60))
-    objects.assert_derivatives(fit.side.at, v, turns, 1e-3, 0.8, fit.side.on_grid)  # But for knots
+    objects.assert_derivatives(
+        fit.side.at, v, turns, 1e-3, 0.8, fit.side.on_grid
+    )  # except at knots
 
 
 def test_folds_of_lattices_are_reported():
@@ -82,7 +84,7 @@ def test_folds_of_lattices_are_reported():
     assert 0.0 < kidney.health.folded < 0.4
     assert kidney.health.rms < 1e-3
     steps = np.diff(np.unwrap(np.arctan2(*(kidney.section.rim(TURNS) - 0.5).T)))
-    assert (steps < 0.0).all() or (steps > 0.0).all()  # The prism runs around once
+    assert (steps < 0.0).all() or (steps > 0.0).all()  # it runs around once
 
 
 @pytest.mark.parametrize("exponent", [1.0, 0.45, 0.2])
@@ -167,7 +169,7 @@ def test_refined_side_passes_point_and_stays_elsewhere(weights):
     far = np.linalg.norm(before - ball().surface.at(0.55, 0.2), axis=1) > 70.0
     assert moved.max() > 0.5
     assert far.sum() > 100 and moved[far].max() < 3e-4
-    own = ball().refined(np.zeros((0, 3))).surface  # The lattice's
+    own = ball().refined(np.zeros((0, 3))).surface  # that of the lattice
     on_surface = own.at([0.3, 0.5, 0.7], [0.1, 0.4, 0.9])
     same = lattice_of(ball().refined(on_surface, weights=weights))
     assert same.refinement.steps == 0
@@ -176,7 +178,7 @@ def test_refined_side_passes_point_and_stays_elsewhere(weights):
     names = ("points", "beyond", "before", "after", "moved")
     assert [health[f"refined_{name}"] for name in names] == [getattr(refinement, n) for n in names]
     assert health["lattice_folded"] == 0.0
-    if weights:  # They spare control points a part of the way
+    if weights:  # then control points move less
         plain = lattice_of(ball().refined(point)).refinement
         assert refinement.moved < plain.moved
 

@@ -1,4 +1,4 @@
-"""Superquadrics from points: exactness, certainty, outliers, doubts, refusals, distances."""
+"""Superquadrics from points: accuracy, certainty, outliers, warnings, errors, distances."""
 
 from functools import cache
 from typing import Any, NamedTuple
@@ -51,7 +51,7 @@ def cloud(
 
 
 def error(fit: Any, made: Cloud) -> float:
-    """Mean distance of the found surface from the true one, to first order, over the diameter."""
+    """Mean distance of the fitted surface from the true one, to first order, over the diameter."""
     position, axes = Pose.from_array(made.pose)
     local = (fit.shape().mesh(3).vertices - position) @ axes
     gauge = made.truth.gauge
@@ -162,7 +162,7 @@ def test_pose_unit_and_order_do_not_matter(kind, options, rotations):
         ((1.0, 1.0, 0.05), (1.0, 1.0)),  # A disc
         ((0.05, 0.05, 1.0), (1.0, 1.0)),  # A needle
         ((0.5, 0.5, 0.7), (0.1, 1.0)),
-        ((0.5, 0.5, 0.5), (1.0, 1.0)),  # A ball, whose turns nothing tells
+        ((0.5, 0.5, 0.5), (1.0, 1.0)),  # a ball, whose rotation is undetermined
     ],
 )
 def test_hard_shapes_are_recovered_in_any_pose(size, exponents):
@@ -291,7 +291,7 @@ def test_derivatives_of_distances_are_those_of_differences(warps, bend):
         )
         wanted = (ahead - back) / 2e-6
         off = np.abs(jacobian[:, :, column] - wanted) / (1.0 + np.abs(wanted))
-        # But for the few points next to a crease, where derivatives have no bound.
+        # Except at the few points next to a crease, where derivatives have no bound.
         assert np.quantile(off, 0.98) < 2e-8
         assert np.median(off) < 1e-9
 
@@ -312,7 +312,7 @@ def test_distances_from_ball_octahedron_and_disc():
     warped = DeformedSuperquadric(Superquadric(size, EXPONENTS), taper, bending).mesh(3).vertices
     parameters = np.concatenate([np.log(size), EXPONENTS, np.zeros(6), taper, bend])[None]
     assert np.abs(distances_alone(parameters, warped, np.eye(3)[None], KINDS[3])).max() < 1e-14
-    above = np.array([[0.5, 0.0, 0.05 * np.sqrt(0.75) + 1e-4]])  # Across, not along the radius
+    above = np.array([[0.5, 0.0, 0.05 * np.sqrt(0.75) + 1e-4]])  # across, not along the radius
     assert rigid([1.0, 1.0, 0.05], [1.0, 1.0], above)[0] == pytest.approx(1e-4, rel=0.01)
 
 

@@ -191,7 +191,7 @@ def test_mesh_meets_tolerance_with_few_vertices():
     assert counts[2] / counts[1] == pytest.approx(4.0, rel=0.25)
     corners = mesh.vertices[mesh.faces]
     edges = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
-    # In rings of equal numbers the edges at the poles would be some hundred times shorter.
+    # If all rings had as many points, edges at the poles would be a hundred times shorter.
     assert (edges.max(axis=1) / edges.min(axis=1)).max() < 15.0
 
 
@@ -252,14 +252,14 @@ def test_nearest_points_across_edges_are_no_farther_than_fine_mesh():
     worse = np.abs(foot.distances) - near.distances
     assert foot.converged.all()
     assert worse.min() >= -1e-5 and worse.max() <= 3e-4
-    # Only about the middle, where places far apart are almost equally near.
+    # Only near the middle, where places far apart are almost equally near.
     assert np.mean(worse > 1e-5) < 0.005
 
 
 @pytest.mark.parametrize("off", [1e-9, 1e-6, 1e-4, -1e-9, -1e-6, -1e-4])
 def test_distances_next_to_surface_keep_digits_and_sign(off):
     v, turns = np.random.default_rng(2).random((2, 500))
-    apart = np.abs(v[:, None] - capped().seams).min(axis=1) > 0.02  # An edge's inside is wider
+    apart = np.abs(v[:, None] - capped().seams).min(axis=1) > 0.02  # normals meet inside an edge
     v, turns = v[apart], turns[apart]
     points = capped().at(v, turns) + off * capped().normals(v, turns)
     np.testing.assert_allclose(searched("capped").nearest(points).distances, off, rtol=1e-6)
@@ -284,7 +284,7 @@ def test_sampled_patch_interpolates_function():
     assert up == pytest.approx(slopes, abs=1e-5)
     ring = surfaces.sampled_patch(ball).at(np.full(64, 0.5), np.arange(64) / 64)
     steps = np.linalg.norm(np.diff(ring, axis=0), axis=1)
-    assert steps.max() < 1.4 * steps.min()  # Even, whatever the parameters
+    assert steps.max() < 1.4 * steps.min()  # even, whatever the parameters
     surface = surfaces.closed_surface((patch,))
     assert np.ptp(surface.at(np.zeros(5), np.linspace(0, 1, 5)), axis=0).max() < 1e-12
     assert surfaces.measure_surface(surface).moments.volume == pytest.approx(
@@ -301,7 +301,7 @@ def test_grid_evaluation_equals_evaluation_at_places(kind):
     if kind == "weighted":
         solid = solid.refined(rings[4] * [1.01, 1.0, 1.0], weights=True)
     surface, v, turns = solid.surface, np.linspace(0.01, 0.99, 23), np.linspace(-0.5, 1.0, 23)
-    assert_derivatives(surface.at, v, turns, 1e-2, 0.7, surface.on_grid)  # But for knots
+    assert_derivatives(surface.at, v, turns, 1e-2, 0.7, surface.on_grid)  # except at knots
     mesh = surfaces.grid_mesh(surface)
     body = solidity(mesh.vertices, mesh.faces)
     assert body.watertight and body.genus == 0 and body.volume > 0.0
