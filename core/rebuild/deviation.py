@@ -26,8 +26,8 @@ class DeviationSettings:
     """Cells over which the deviation is integrated, and the error of untouched edges."""
 
     n_side_rows: int = 32  # of cells along the side
-    n_end_rows: int = 6  # the same, along each piece of an end
-    n_turns: int = 16  # the same, around
+    n_end_rows: int = 6  # of cells along each piece of an end
+    n_turns: int = 16  # cells around
     n_rim: int = 128  # points of a rim
     # Root mean square error of the rounding of an untouched edge, over the edge and an equal width
     # of the end, as a fraction of the edge's height. With noise, a superellipse that is taken for

@@ -39,8 +39,8 @@ MIN_SIZE, MAX_SIZE = 1e-50, 1e50  # of an object: its fifth power must be a fini
 class EvidenceSettings:
     """How contours are matched and searched for outliers, and which ones are left out."""
 
-    min_places: int = 24  # matched around each contour, if their points are fewer
-    max_places: int = 160  # the same, if their points are more
+    min_places: int = 24  # that are matched around each contour; as many as its points, at least
+    max_places: int = 160  # that are matched around each contour
     n_passes: int = 3  # of search for outliers: contours are judged by adjacent ones
     point_width: float = 0.03  # fraction of the widest: a narrower, tangled end contour is a point
     min_area: float = 1e-6  # of a self-intersecting contour, fraction of its squared perimeter

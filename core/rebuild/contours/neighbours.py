@@ -162,8 +162,8 @@ class InconsistencySettings:
     # tested. 0.7 suffices for a single bad contour; a second one within 4 may hide most of it.
     min_own_error: float = 0.2
     max_residual: float = 0.02  # fraction of the squared errors
-    max_residual_near_bad: float = 0.01  # the same, where another contour within 4 is bad
-    max_residual_near_end: float = 0.003  # the same, of the second and the last but one contour
+    max_residual_near_bad: float = 0.01  # where another contour within 4 is bad, too
+    max_residual_near_end: float = 0.003  # of the second and the last but one contour
 
 
 class InconsistentContours(NamedTuple):

@@ -22,7 +22,7 @@ class OrderingSettings:
     """How points of a section are put in order; tuned on shuffled sections of 4 to 600 points."""
 
     max_azimuth_ratio: float = (
-        1.02  # of the length by azimuth over the tour's; else the tour counts
+        1.02  # length by azimuth over that of the tour; else the tour is used
     )
     max_tour_points: int = 1500  # beyond it the tour is not shortened; cost grows with the square
     max_sweeps: int = 30  # rounds of shortening

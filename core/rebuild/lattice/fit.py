@@ -45,12 +45,12 @@ class LatticeSettings:
     fills: tuple[SectionFill, ...] = ("bending", "rings", "cones")
     n_larger: int = 1  # larger sides that are tried once the tolerance is met, if the inside folds
     min_tolerance: float = 1e-5  # fraction of the larger half extent of the section
-    max_tolerance: float = 1e-3  # the same
+    max_tolerance: float = 1e-3  # fraction of the larger half extent of the section
     turns_per_coefficient: int = 2  # places around for each coefficient of the side
     min_turns: int = 96
     n_fold_radii: int = 7  # places across a section that are tested for folds
-    n_fold_turns: int = 24  # the same, around
-    n_fold_layers: int = 3  # the same, for each layer
+    n_fold_turns: int = 24  # places around that are tested for folds
+    n_fold_layers: int = 3  # heights for each layer that are tested for folds
     layers: LayerSettings = field(default_factory=LayerSettings)
     section: SectionSettings = field(default_factory=SectionSettings)
     system: SystemSettings = field(default_factory=SystemSettings)
@@ -72,7 +72,7 @@ class Refinement(NamedTuple):
     points: int  # points that were to be passed
     beyond: int  # further points, nearest to an end of the solid, which no control point moves
     before: float  # root mean square distance of the points from the side [m]
-    after: float  # the same afterwards [m]
+    after: float  # root mean square distance afterwards [m]
     most: float  # largest distance afterwards [m]
     moved: float  # largest displacement of a control point [m]
     folded: float  # share of the prism that is turned inside out afterwards

@@ -84,9 +84,9 @@ class SystemSettings:
     # lie outside both the rim and the section.
     second_difference_weight: float = 1e-3
     displacement_weight: float = 1e-13  # over the mean weight of the rim: bounds the condition
-    n_radii: int = 7  # places across the section, at least, of the integral of the bending energy
-    n_angles: int = 48  # the same, around
-    angles_per_point: int = 5  # the same, for each control point across
+    n_radii: int = 7  # places across, at least, of the integral of the bending energy
+    n_angles: int = 48  # places around, at least, of that integral
+    angles_per_point: int = 5  # places around of that integral for each control point across
 
 
 class Layers(NamedTuple):

@@ -62,8 +62,8 @@ class SearchSettings:
     n_points: int = 200  # among which the best start is found; all points are used at the end
     first_steps: int = 4  # of all starts
     second_steps: int = 6  # of the better ones
-    drop_ratio: int = 3  # starts for each one that takes the second steps,
-    min_kept: int = 48  # of which there are at least so many
+    drop_ratio: int = 3  # number of starts over the number that takes the second steps
+    min_kept: int = 48  # starts, at least, that take the second steps
     n_solved: int = 4  # starts that are solved
     solve_steps: int = 60
     polish_steps: int = 200  # of the best fit
@@ -328,7 +328,7 @@ def joined(parts: list[Starts]) -> Starts:
 
 
 def _subset(points: Floats, most: int) -> Floats:
-    """At most so many of points (n, 3), drawn at random with a fixed seed."""
+    """At most `most` of points (n, 3), drawn at random with a fixed seed."""
     if len(points) <= most:
         return points
     return np.asarray(points[np.random.default_rng(0).permutation(len(points))[:most]])
@@ -380,7 +380,7 @@ def _polished(
     tried: int,
     settings: SearchSettings,
 ) -> report.SearchResult:
-    """One fit, solved to the last digits; its rotation has no bounds any more."""
+    """One fit, solved to the last digits; its rotation is no longer bounded."""
     starts = fits.starts
     low, high = starts.low.copy(), starts.high.copy()
     low[:, ROTATION], high[:, ROTATION] = -np.inf, np.inf

@@ -68,7 +68,7 @@ class ReportSettings:
     max_gap: float = 1.0
     noise_sigmas: float = 3.0
     unknown_scatter: float = (
-        1.0  # of the points' diameter, if there are as many parameters as points
+        1.0  # fraction of the points' diameter, of as many points as parameters
     )
     negligible: float = 1e-6  # of the longest column and the largest singular value: counts as 0
     # Standard deviation of each parameter before there are points, in the units of the fit (points

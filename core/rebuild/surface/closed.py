@@ -185,7 +185,7 @@ class ClosureSettings:
 
     max_opening: float = 1e-6  # fraction of the size: a wider ring at a pole is a hole
     n_rows: int = 17  # of the grid by which the length of a piece is measured
-    n_turns: int = 24  # the same, around
+    n_turns: int = 24  # columns of that grid
     min_share: float = 0.02  # of v, for a piece
 
 

@@ -23,7 +23,7 @@ class MeasureSettings:
 
     n_nodes: int = 4  # of Gauss's rule in a cell, each way
     first_rows: int = 4  # cells of each piece at the start, along
-    first_columns: int = 12  # the same, around
+    first_columns: int = 12  # cells of each piece at the start, around
     max_halvings: int = 4
     tolerance: float = 1e-8  # relative change of volume and area by a halving
 

@@ -30,9 +30,8 @@ class MeshSettings:
     grid_share: float = (
         0.65  # of the tolerance, for rows and columns; the rest is for thinned rings
     )
-    n_rows: int = 33  # places of each piece at which second derivatives are taken, along
-    n_turns: int = 128  # the same, around
-    min_columns: int = 24  # a ring that is thinned as often as possible still has 3 points
+    n_rows: int = 33  # places along each piece at which second derivatives are taken
+    n_turns: int = 128  # places around at which second derivatives are taken
     max_halvings: int = 3  # of the number of points of a ring near a pole
     max_aspect: float = 4.0  # distance of rows over distance of columns
     min_density: float = 0.3  # of columns anywhere, fraction of their mean density
@@ -121,7 +120,8 @@ def _spaced(surface: Surface, tolerance: float, settings: MeshSettings) -> tuple
     bends = [_bends(surface, piece, v, turns) for piece, v in enumerate(samples)]
     dense = np.sqrt(np.max([bend[2].max(axis=0) for bend in bends], axis=0) / half)
     dense = np.maximum(dense, settings.min_density * dense.mean())
-    columns = _spread(turns, dense, settings.min_columns)
+    # A ring that is halved as often as possible still has 3 points.
+    columns = _spread(turns, dense, 3 << settings.max_halvings)
     around = []
     for piece, v in enumerate(samples):
         ring = surface.piece_on_grid(piece, v, turns)
