@@ -35,6 +35,11 @@ def at_height(plane: Floats, height: float) -> Floats:
     return np.column_stack([plane, np.full(len(plane), height)])
 
 
+def column(count: int) -> list[Floats]:
+    """Contours of a round column of radius 30, from -49.5 to 49.5."""
+    return [at_height(30.0 * circle(60), z) for z in np.linspace(-49.5, 49.5, count)]
+
+
 def slow(*values: Any) -> Any:
     """A slow case of a parametrised test."""
     return pytest.param(*values, marks=pytest.mark.slow)

@@ -7,7 +7,7 @@ import pytest
 
 from palpate.core.arrays import Floats
 from palpate.core.rebuild import LatticeSolid, reconstruct
-from tests.core.rebuild.objects import SECTIONS, at_height, circle, is_closed, polar, slow
+from tests.core.rebuild.objects import SECTIONS, at_height, circle, column, is_closed, polar, slow
 
 HALF = 50.0
 HEIGHTS = np.linspace(-49.0, 49.0, 9)
@@ -27,10 +27,6 @@ def rings(count: int = 9, points: int = 60) -> list[Floats]:
 
 def skin(contours: Any, tops: Any = TOPS, **more: Any) -> LatticeSolid:
     return reconstruct(contours, tops=tops, method="skin", **more)
-
-
-def prism(count: int) -> list[Floats]:
-    return [at_height(30.0 * circle(60), z) for z in np.linspace(-49.5, 49.5, count)]
 
 
 def same(first: LatticeSolid, second: LatticeSolid) -> float:
@@ -128,7 +124,7 @@ def test_dropped_contour_of_other_size_may_be_feature():
 
 @pytest.mark.parametrize("count", [6, slow(9), 11, 12])
 def test_neck_of_one_contour_stays_among_few(count):
-    contours = prism(count)
+    contours = column(count)
     which = count // 2
     contours[which] = contours[which] * [0.8, 0.8, 1.0]
     solid = skin(contours)
@@ -179,7 +175,7 @@ def test_noisy_mesh_stays_small_and_oscillating_side_closes():
     rng = np.random.default_rng(0)
     solid = skin([one + 5.0 * rng.normal(size=one.shape) * [1.0, 1.0, 0.0] for one in rings()])
     assert len(solid.mesh().faces) < 100_000
-    wild = [one * [0.1, 0.1, 1.0] if row % 2 else one for row, one in enumerate(prism(9))]
+    wild = [one * [0.1, 0.1, 1.0] if row % 2 else one for row, one in enumerate(column(9))]
     rebuilt = skin(wild, None)
     for share in (0.002, 0.05, 100.0):
         assert is_closed(rebuilt, share * rebuilt.surface.size)
@@ -261,9 +257,8 @@ def test_any_contours_give_closed_solid_or_error():
                 np.sort(rng.random(rng.choice([0, 1, 3, 5, 24]))),
                 rng.choice([0, 1e-3, 1]),
             )
-            contour = at_height(
-                polar(turns, radius) + rng.choice([0.0, 0.0, 2.0]), rng.integers(-3, 4)
-            )
+            plane = polar(turns, radius) + rng.choice([0.0, 0.0, 2.0])
+            contour = at_height(plane, rng.integers(-3, 4))
             contour += rng.choice([0.0, 0.0, 0.01, 0.5]) * rng.normal(size=contour.shape)
             if len(contour) and rng.random() < 0.5:
                 contour[rng.integers(len(contour))] = rng.choice([np.nan, np.inf, 7.0])

@@ -19,7 +19,7 @@ from palpate.core.rebuild.contours import ContactPoints
 from palpate.core.rebuild.recovery import Recovery
 from palpate.core.shapes import Bend, Superquadric, area_samples, sampled_surface
 from palpate.core.splines import SplineVolume
-from tests.core.rebuild.objects import Oracle, at_height, circle, slow
+from tests.core.rebuild.objects import Oracle, at_height, circle, column, slow
 
 SLOW = [slow(method) for method in ("thesis", "coarse")]
 POSE = np.concatenate([[0.03, -0.2, 0.05], np.array([0.1, -0.5, 0.5, 0.7])])
@@ -49,10 +49,6 @@ def ellipsoid(heights: Floats, count: int = 48) -> list[Floats]:
 
 ELLIPSOID = ellipsoid(np.linspace(-29.5, 29.5, 15))
 VOLUME = 4 / 3 * np.pi * float(AXES.prod())
-
-
-def prism(count: int) -> list[Floats]:
-    return [at_height(30.0 * circle(60), z) for z in np.linspace(-49.5, 49.5, count)]
 
 
 @cache
@@ -149,9 +145,8 @@ def test_order_direction_start_and_repeated_points_do_not_change_solid():
     assert framed.frame is None
     assert np.array_equal(*map(tree_to_bytes, (framed, upright("skin"))))
     for contours in variants:
-        assert (
-            apart(reconstruct(contours, tops=TOPS, method="skin"), upright("skin")) < 1e-12 * SIZE
-        )
+        solid = reconstruct(contours, tops=TOPS, method="skin")
+        assert apart(solid, upright("skin")) < 1e-12 * SIZE
 
 
 @pytest.mark.parametrize("method", ["lattice", "skin", *SLOW])
@@ -171,21 +166,20 @@ def test_solid_of_moved_contours_is_moved_solid(method):
 
 @pytest.mark.slow
 def test_measures_distances_and_deviations_move_with_solid():
-    still, other = upright(), tilted()
-    before, after = still.measures(), other.measures()
+    base, other = upright(), tilted()
+    before, after = base.measures(), other.measures()
     assert after.area_m2 == pytest.approx(before.area_m2, rel=1e-12)
     assert after.volume_m3 == pytest.approx(before.volume_m3, rel=1e-12)
     # Quadrature along the world's axes has another error.
     assert after.centroid_m == pytest.approx(moved(before.centroid_m[None])[0], abs=1e-6 * SIZE)
     points = 0.03 * np.random.default_rng(0).normal(size=(40, 3))
-    near, there = still.search().nearest(points), other.search().nearest(moved(points))
+    near, there = base.search().nearest(points), other.search().nearest(moved(points))
     assert there.distances == pytest.approx(near.distances, abs=1e-9)
     assert there.points == pytest.approx(moved(near.points), abs=1e-9)
     heights, turns = np.linspace(-0.04, 0.04, 5), np.arange(4) / 4
-    assert other.deviation(heights, turns) == pytest.approx(
-        still.deviation(heights, turns), rel=1e-6
-    )
-    assert other.slices.heights == pytest.approx(still.slices.heights, abs=1e-14)
+    stated = base.deviation(heights, turns)
+    assert other.deviation(heights, turns) == pytest.approx(stated, rel=1e-6)
+    assert other.slices.heights == pytest.approx(base.slices.heights, abs=1e-14)
 
 
 @pytest.mark.parametrize("evidence", ["contacts", slow("normals"), slow("grasp")])
@@ -342,19 +336,19 @@ SPAN = "contours and tops must span from 1e-50"
         ([np.zeros((4, 2))], {}, "contour 0 must have shape (any, 3), got (4, 2)"),
         ([np.full((9, 3), np.nan)], {}, "contours must hold at least one of 3 points"),
         ([np.zeros((5, 3)), LINE[:2]], {}, "got contour 0: in one place; contour 1: too few"),
-        (prism(1), {}, "contours must leave at least 2 to rebuild from, or 1 with tops"),
-        (prism(1), {"tops": COLUMN_TOPS[:1]}, "or 1 with tops that touched both ends, got 1"),
+        (column(1), {}, "contours must leave at least 2 to rebuild from, or 1 with tops"),
+        (column(1), {"tops": COLUMN_TOPS[:1]}, "or 1 with tops that touched both ends, got 1"),
         ([ELLIPSOID[7], 0.5 * ELLIPSOID[7]], {}, "contour 1: inside another at its height"),
-        ([1e-300 * one for one in prism(4)], {}, SPAN),
-        ([1e60 * one for one in prism(4)], {}, SPAN),
-        (prism(4), {"tops": [[0.0, 0.0, 1e300]]}, SPAN),
+        ([1e-300 * one for one in column(4)], {}, SPAN),
+        ([1e60 * one for one in column(4)], {}, SPAN),
+        (column(4), {"tops": [[0.0, 0.0, 1e300]]}, SPAN),
         ([EIGHT, EIGHT + [0.0, 0.0, 1.0]], {}, "contours must run around an area"),
-        (prism(4), {"tops": [[0.0, 0.0]]}, "tops must have shape"),
-        (prism(4), {"tops": [[0.0, 0.0, np.nan]]}, "tops must be finite"),
-        (prism(4), {"tops": "up"}, "tops must be an array of real numbers"),
-        (prism(9), {"tops": [[0, 0, 20.0]]}, "tops must not lie within the contours, got 20"),
-        (prism(4), {"noise": "a"}, "noise must be an array of real numbers"),
-        (prism(4), {"noise": 0.0}, "noise must be positive"),
+        (column(4), {"tops": [[0.0, 0.0]]}, "tops must have shape"),
+        (column(4), {"tops": [[0.0, 0.0, np.nan]]}, "tops must be finite"),
+        (column(4), {"tops": "up"}, "tops must be an array of real numbers"),
+        (column(9), {"tops": [[0, 0, 20.0]]}, "tops must not lie within the contours, got 20"),
+        (column(4), {"noise": "a"}, "noise must be an array of real numbers"),
+        (column(4), {"noise": 0.0}, "noise must be positive"),
         (EGG, {"method": "loft"}, "method must be one of lattice, skin, draft, thesis, coarse"),
         (EGG, {"method": "skin", "faithful": True}, "faithful goes with the method 'thesis'"),
         (EGG, {"method": "skin", "grasp": 1}, "size and grasp must be left out"),

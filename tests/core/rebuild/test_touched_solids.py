@@ -27,13 +27,9 @@ def places(solid: LatticeSolid) -> Floats:
 
 
 def deviation_of(solid: LatticeSolid) -> float:
-    deviation = solid.whole_deviation()
-    assert (
-        deviation is not None
-        and np.isfinite(deviation.whole)
-        and 0.0 < deviation.ends <= deviation.whole
-    )
-    return deviation.whole
+    stated = solid.whole_deviation()
+    assert stated is not None and np.isfinite(stated.whole) and 0.0 < stated.ends <= stated.whole
+    return stated.whole
 
 
 @pytest.mark.parametrize(
@@ -292,9 +288,7 @@ def test_oblique_top_survives_update_motion_and_mirror(change):
     elif change == "moved":
         turn = rotations_from_vectors(np.array([[0.3, -0.5, 0.2]]))[0]
         pose = Pose(np.array([0.1, -0.2, 0.3]), turn).array
-        rebuilt = rebuilt_as(
-            lambda points: Pose.from_array(pose).to_outer(points), turn, frame=pose
-        )
+        rebuilt = rebuilt_as(Pose.from_array(pose).to_outer, turn, frame=pose)
         v, turns = np.linspace(0.0, 1.0, 21), np.linspace(0.0, 1.0, 21)
         expected = Pose.from_array(pose).to_outer(solid.surface.at(v, turns))
         assert rebuilt.surface.at(v, turns) == pytest.approx(expected, abs=1e-9)

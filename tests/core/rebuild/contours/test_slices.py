@@ -221,12 +221,7 @@ def steps_of(matched: stacks.Correspondence, slices: Slices) -> Floats:
         (0.06 * np.arange(8), 3, 0.1, 2e-3),
         (-0.06 * np.arange(8), 3, 0.1, 2e-3),
         (0.11 * np.arange(8), 4, 0.1, 2e-3),  # nearly half a lobe each
-        (
-            0.1 * np.arange(8) + 0.05 * (np.arange(8) > 3),
-            4,
-            0.1,
-            6e-3,
-        ),  # one step looks like a lobe
+        (0.1 * np.arange(8) + 0.05 * (np.arange(8) > 3), 4, 0.1, 6e-3),  # a step like a lobe
     ],
 )
 def test_signature_follows_lobes(angles, count, depth, tolerance):

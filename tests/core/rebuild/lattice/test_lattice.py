@@ -69,9 +69,8 @@ def test_derivatives_of_side_are_those_of_differences(weighted):
         weights = np.random.default_rng(1).uniform(0.5, 2.0, fit.lattice.control.shape[:3])
         fit = replace(fit, lattice=fit.lattice.with_control(fit.lattice.control, weights))
     v, turns = np.random.default_rng(0).uniform(0.02, 0.98, (2, 60))
-    objects.assert_derivatives(
-        fit.side.at, v, turns, 1e-3, 0.8, fit.side.on_grid
-    )  # except at knots
+    # Except at knots.
+    objects.assert_derivatives(fit.side.at, v, turns, 1e-3, 0.8, fit.side.on_grid)
 
 
 def test_folds_of_lattices_are_reported():
