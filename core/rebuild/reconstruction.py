@@ -135,7 +135,7 @@ def reconstruct(
             end_touches = into_frame(pose, finite_array("tops", tops, (None, 3)))
         curves = contour_curves(contours, heights, 0, pose)
         evidence = gather_curves(curves, end_touches, contacts, noise, pose)
-    return rebuilt(evidence, method, RebuildOptions(size, grasp, faithful), step)
+    return rebuild_from_evidence(evidence, method, RebuildOptions(size, grasp, faithful), step)
 
 
 def _check_options(
@@ -169,7 +169,7 @@ def _is_size(size: tuple[int, int]) -> bool:
     return min(size) >= MIN_LATTICE_SIZE and size[0] <= MAX_LATTICE_SIZE >= size[1] // 8
 
 
-def rebuilt(
+def rebuild_from_evidence(
     evidence: Evidence,
     method: Method,
     options: RebuildOptions,

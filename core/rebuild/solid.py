@@ -119,11 +119,11 @@ class LatticeSolid(Solid):
         for `reconstruct`, in the world: (n, 3), or (n, 2) with `height` if there is no slicing
         frame. Raises ValueError as `reconstruct` does; or if the solid was not made by it.
         """
-        from palpate.core.rebuild.reconstruction import rebuilt
+        from palpate.core.rebuild.reconstruction import rebuild_from_evidence
 
         if self.options is None:
             raise ValueError("solid must be rebuilt by reconstruct to be updated, got another")
-        return rebuilt(self.evidence.more(contour, height), self.method, self.options)
+        return rebuild_from_evidence(self.evidence.more(contour, height), self.method, self.options)
 
     def mesh(self, tolerance: float | None = None, noise_fraction: float = 0.2) -> SurfaceMesh:
         """Triangles that leave the surface by at most `tolerance`: `mesh_surface`.
