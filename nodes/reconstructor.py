@@ -15,7 +15,7 @@ from msgspec import Struct
 
 from palpate.core.explore import empty_map, swept_places, untouched_places
 from palpate.core.poses import Pose
-from palpate.core.rebuild import other_method
+from palpate.core.rebuild import plugin_method
 from palpate.core.rebuild.contours import ContactPoints
 from palpate.core.steps import Steps
 from palpate.messages import types
@@ -51,7 +51,7 @@ class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
     def __post_init__(self) -> None:
         if self.method != "best":
-            other_method(self.method)
+            plugin_method(self.method)
 
 
 def know_world(params: Params, state: State, world: types.World) -> tuple[State, Outputs]:

@@ -1,10 +1,10 @@
 """From contacts to a closed solid.
 
-`reconstruct` takes contours, normals and contact points and answers a `LatticeSolid`, exact at
-every place: from evidence to the side, its ends, the surface. `Solid` is what it has in common with
-all other solids. What may be tuned are the thresholds on top of each chapter (shares of a size,
-standard deviations, counts); each method may be replaced alone. It rests on the rooms below
-(contours, side, ends, surface, lattice, recovery); `palpate.core.thesis` adds a method.
+`reconstruct` makes a `LatticeSolid` of contours, normals and contact points, in closed form at
+every place: from evidence to the side, its ends, and the surface. `Solid` is the interface of all
+solids. Thresholds are fields of settings classes beside each algorithm (fractions of a size,
+standard deviations, counts); each method may be replaced alone. The package is built on those
+below (contours, side, ends, surface, lattice, recovery); `palpate.core.thesis` adds a method.
 """
 
 from palpate.core.rebuild.coarse import (
@@ -25,7 +25,7 @@ from palpate.core.rebuild.protocol import (
     SolidMeasures as SolidMeasures,
 )
 from palpate.core.rebuild.reconstruction import (
-    other_method as other_method,
+    plugin_method as plugin_method,
     reconstruct as reconstruct,
 )
 from palpate.core.rebuild.recovery import (

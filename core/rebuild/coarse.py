@@ -1,6 +1,6 @@
-"""One superquadric as a closed solid.
+"""A superquadric as a closed solid, tapered and bent if that explains its points better.
 
-It is tapered and bent where its points ask for it (Schwarz's criterion, 1978).
+Models are compared by the Bayesian information criterion (Schwarz, 1978).
 """
 
 from __future__ import annotations
@@ -24,23 +24,22 @@ from palpate.core.rebuild.surface import (
 )
 from palpate.core.shapes import Superquadric, Taper, regular_points
 
-MOST_POINTS = 600  # More are thinned out: a superquadric has 15 parameters
-WARPS = ((False, False), (True, False), (True, True))  # Neither tapered nor bent, tapered, both
-USELESS = frozenset({"folded", "not converged"})  # Warnings of fits that are a last resort
+WARPS = ((False, False), (True, False), (True, True))  # whether tapered, whether bent
+UNSOUND = frozenset({"folded", "not converged"})  # warnings of fits that are a last resort
 
 
 def coarse_solid(evidence: Evidence) -> LatticeSolid:
-    """The superquadric of contours; ValueError if they determine none."""
+    """The superquadric of the contours; ValueError if they do not determine one."""
     points = np.concatenate(_raised(evidence.slices.points, evidence.slices.heights))
-    found = fit_coarse(points, evidence.noise)
-    if not found.fitted:
-        raise ValueError(f"contours must determine a superquadric, got {found.warnings[0]}")
-    surface = placed(closed_surface((coarse_patch(found),)), evidence.frame)
-    return LatticeSolid(surface=surface, method="coarse", evidence=evidence, model=found)
+    fit = fit_coarse(points, evidence.noise)
+    if not fit.fitted:
+        raise ValueError(f"contours must determine a superquadric, got {fit.warnings[0]}")
+    surface = placed(closed_surface((coarse_patch(fit),)), evidence.frame)
+    return LatticeSolid(surface=surface, method="coarse", evidence=evidence, model=fit)
 
 
 def coarse_patch(recovery: Recovery) -> SampledPatch:
-    """Its surface, from the lower end of its own axis to the upper one."""
+    """The surface of a superquadric, from the lower to the upper end of its own axis."""
     base = Superquadric(recovery.size, recovery.exponents)
     taper = Taper(float(recovery.taper[0]), float(recovery.taper[1]), float(recovery.size[2]))
     position, axes = Pose.from_array(recovery.pose)
@@ -60,36 +59,37 @@ def _raised(rings: Sequence[Floats], heights: Floats) -> list[Floats]:
     return [np.column_stack([ring, np.full(len(ring), height)]) for ring, height in pairs]
 
 
-def fit_coarse(points: ArrayLike, noise: float | None = None) -> Recovery:
-    """The superquadric that explains points (n, 3) on it best for its number of parameters.
+def fit_coarse(points: ArrayLike, noise: float | None = None, max_points: int = 600) -> Recovery:
+    """The superquadric that explains points (n, 3) best for its number of parameters.
 
-    Contacts of a hand, or points of contours; `noise` is the standard deviation of a coordinate, if
-    it is known: what is less explains nothing. Tapered and bent where that pays; of points too few,
-    or all in a plane, an ellipsoid in their extents, which says so in its warnings. Raises
-    ValueError if points are not finite, or the noise not positive. Fung, 1999, 3.2.2, step 1, with
-    pose, taper, bend and free exponents; Schwarz, *Estimating the dimension of a model*, 1978.
+    `noise` is the standard deviation of a coordinate, if it is known: smaller residuals are no
+    better. Points beyond `max_points` are thinned. The superquadric is tapered and bent where the
+    criterion improves. Of too few points, or points in a plane, it is an ellipsoid in their
+    extents, with a warning. Raises ValueError if points are not finite, or the noise is not
+    positive. Fung, 1999, 3.2.2, step 1, with pose, taper, bend and free exponents; Schwarz,
+    *Estimating the dimension of a model*, 1978.
     """
     places = finite_array("points", points, (None, 3))
     if noise is not None:
         positive("noise", noise, "in the unit of the points")
-    if len(places) > MOST_POINTS:
-        places = places[np.linspace(0, len(places) - 1, MOST_POINTS).round().astype(int)]
+    if len(places) > max_points:
+        places = places[np.linspace(0, len(places) - 1, max_points).round().astype(int)]
     count = len(places)
 
-    def penalty(missed: float, parameters: int) -> float:
+    def criterion(rms: float, n_parameters: int) -> float:
         """Schwarz's criterion: smaller is better."""
-        return 2.0 * count * math.log(missed) + parameters * math.log(count)
+        return 2.0 * count * math.log(rms) + n_parameters * math.log(count)
 
     def information(fit: Recovery) -> float:
         rounding = max(np.finfo(float).eps * float(fit.size.max()), np.finfo(float).tiny)
-        return penalty(max(math.hypot(fit.rms, noise or 0.0), rounding), len(fit.names))
+        return criterion(max(math.hypot(fit.rms, noise or 0.0), rounding), len(fit.names))
 
     fits: list[Recovery] = []
     for taper, bend in WARPS:
         if noise is not None and (sound := _sound(fits)):
             best = min(map(information, sound))
-            # As many parameters more as this would have pay for no fit, however well it does.
-            if best <= penalty(noise, len(fits[-1].names) + 2):
+            # With two more parameters, even residuals as small as the noise are no improvement.
+            if best <= criterion(noise, len(fits[-1].names) + 2):
                 break
         fits.append(recover(places, taper=taper, bend=bend, noise=noise))
     sound = _sound(fits)
@@ -98,4 +98,4 @@ def fit_coarse(points: ArrayLike, noise: float | None = None) -> Recovery:
 
 
 def _sound(fits: Sequence[Recovery]) -> list[Recovery]:
-    return [fit for fit in fits if fit.fitted and not USELESS.intersection(fit.warnings)]
+    return [fit for fit in fits if fit.fitted and not UNSOUND.intersection(fit.warnings)]

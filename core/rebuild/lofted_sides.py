@@ -1,7 +1,6 @@
-"""A side through contours alone, and its ends: where nothing else was touched, or is of use.
+"""A side through contours alone, and its ends, where there are no contacts that can be used.
 
-A loft that would run through its own axis before it closes in a point ends at its last contour
-instead.
+A loft that would run through its own axis before it closes in a point ends at its last contour.
 """
 
 from __future__ import annotations
@@ -18,22 +17,20 @@ from palpate.core.rebuild.evidence import Evidence
 from palpate.core.rebuild.side import ContourLoft, LoftPatch, contour_noise, fit_contour_loft
 from palpate.core.steps import Steps
 
-POINT = 1e-9  # Of the widest contour: one that is narrower is a point
-SECTIONS, SECTION_TURNS = 16, 64
-LAST = 1e-3  # Of the way to the point: how near to it sections are looked at
 
-
-def lofted_side(evidence: Evidence, step: Steps) -> tuple[ContourLoft, tuple[End, End]]:
+def lofted_side(
+    evidence: Evidence, step: Steps, point_width: float = 1e-9
+) -> tuple[ContourLoft, tuple[End, End]]:
     """The loft of the contours, and its ends.
 
-    A first or last contour that is but a point counts as a touch of the end. Raises ValueError as
-    `close_ends` and `fit_contour_loft` do; or if there is but one contour, and both ends have not
-    been touched.
+    A first or last contour narrower than `point_width`, a fraction of the widest one, is a point,
+    and counts as a touch of the end. Raises ValueError as `close_ends` and `fit_contour_loft` do;
+    or if there is only one contour, and not both ends were touched.
     """
     slices, bottom, top = evidence.slices, evidence.bottom, evidence.top
     heights, grid = slices.heights, evidence.correspondence.grid
     width = np.ptp(grid, axis=1).max(axis=1)
-    wide = np.flatnonzero(width > POINT * width.max())
+    wide = np.flatnonzero(width > point_width * width.max())
     first, last = (int(wide[0]), int(wide[-1])) if len(wide) else (0, len(heights) - 1)
     if first > 0 and bottom is None:
         bottom = float(heights[0])
@@ -46,19 +43,19 @@ def lofted_side(evidence: Evidence, step: Steps) -> tuple[ContourLoft, tuple[End
             "contours must leave at least 2 to rebuild from, or 1 with tops that touched both "
             f"ends, got 1{why}"
         )
-    with step("cross-validation"):  # it smooths the loft, too
-        known = evidence.noise  # An end can be told from contours only as far as their noise allows
-        if known is None:
-            known = contour_noise(heights, grid) if len(heights) > 1 else 0.0
+    with step("cross-validation"):  # of the noise, and of the smoothing of the loft
+        noise = evidence.noise
+        if noise is None:
+            noise = contour_noise(heights, grid) if len(heights) > 1 else 0.0
         with step("ends"):
-            ends = close_ends(heights, grid, bottom=bottom, top=top, noise=known)
+            ends = close_ends(heights, grid, bottom=bottom, top=top, noise=noise)
         return _between_ends(heights, grid, ends, evidence.noise)
 
 
 def _between_ends(
     heights: Floats, grid: Floats, ends: tuple[End, End], noise: float | None
 ) -> tuple[ContourLoft, tuple[End, End]]:
-    """The loft runs on to a point where an end is round, else ends at its last contour."""
+    """The loft, which continues to a point at a round end, else ends at its last contour."""
 
     def lofted() -> ContourLoft:
         low, high = (end.rim if end.apart else end.height for end in ends)
@@ -77,11 +74,21 @@ def _between_ends(
     return loft, ends
 
 
-def runs_through_axis(patch: LoftPatch, rim: float, end: float) -> bool:
-    """Whether a section between the last contour, at `rim`, and the point is inside out."""
-    ways = 1.0 - np.geomspace(1.0, LAST, SECTIONS)
-    turns = np.arange(SECTION_TURNS) / SECTION_TURNS
-    sections = patch.rings(rim + ways * (end - rim), turns)
+def runs_through_axis(
+    patch: LoftPatch,
+    rim: float,
+    end: float,
+    n_sections: int = 16,
+    n_turns: int = 64,
+    nearest: float = 1e-3,
+) -> bool:
+    """Whether a section between the last contour, at `rim`, and the point at `end` is inside out.
+
+    The last of the sections is at `nearest` of the distance from the point.
+    """
+    shares = 1.0 - np.geomspace(1.0, nearest, n_sections)
+    turns = np.arange(n_turns) / n_turns
+    sections = patch.rings(rim + shares * (end - rim), turns)
     away = sections - area_centroids(sections)[:, None]
     along = np.einsum("ski,ki->s", away, away[0])
     if not (along > 0.0).all():

@@ -1,8 +1,8 @@
-"""What every rebuilt solid answers, whatever it was rebuilt from.
+"""The interface of all rebuilt solids.
 
-A solid gives a closed mesh; everything else is computed from its final mesh, in one place. A class
-that knows its surface exactly overrides `Solid.measures` and `Solid.closest`. Writing files and
-showing are found by name in `palpate.output`, for core itself writes no file and opens no window.
+A solid has a closed mesh; all other quantities are computed from its final mesh, in this file. A
+class with an exact surface overrides `Solid.measures` and `Solid.closest`. `palpate.output` writes
+files and shows solids, for core writes no file and opens no window.
 """
 
 from __future__ import annotations
@@ -54,18 +54,18 @@ class HasTriangles(Protocol):
 
 
 class SolidCheck(NamedTuple):
-    """What the mesh of a solid is like as the surface of a body."""
+    """Whether the mesh of a solid is the surface of a body."""
 
-    closed: bool  # Each edge belongs to exactly two faces
-    oriented: bool  # Neighbours are turned alike, and all normals point outwards
-    genus: int | None  # Holes through it; None unless it is closed and oriented
-    self_crossings: int  # Pairs of triangles that pass through each other
-    degenerate_faces: int  # Triangles without area
+    closed: bool  # each edge belongs to exactly two faces
+    oriented: bool  # adjacent faces are oriented consistently, and all normals point outwards
+    genus: int | None  # number of holes through it; None unless it is closed and oriented
+    self_crossings: int  # pairs of triangles that intersect
+    degenerate_faces: int  # triangles without area
 
 
 @dataclass(frozen=True, eq=False)
 class SolidMeasures:
-    """Mass properties at density 1, in the powers of m that the names tell.
+    """Mass properties at density 1, in the powers of m that the names end in.
 
     Of a solid whose lengths are in another unit, they are in the powers of that unit.
     """
@@ -73,8 +73,8 @@ class SolidMeasures:
     volume_m3: float
     area_m2: float
     centroid_m: Floats  # (3,)
-    inertia_m5: Floats  # About the centroid, (3, 3); times the density it is in kg m2
-    extents_m: Floats  # Sides of the upright box that holds the solid, (3,)
+    inertia_m5: Floats  # about the centroid, (3, 3); times the density it is in kg m2
+    extents_m: Floats  # sides of the upright box around the solid, (3,)
 
     def __repr__(self) -> str:
         def row(values: Floats) -> str:
@@ -88,15 +88,12 @@ class SolidMeasures:
         )
 
 
-MAX_REMOTENESS = 300.0  # Of points over the solid's own distance from the origin
-
-
 @readable
 class Closest(NamedTuple):
-    """Where a surface is closest to points."""
+    """Points of a surface that are closest to given points."""
 
     points: Floats  # (n, 3)
-    normals: Floats  # Outward unit normals there, (n, 3)
+    normals: Floats  # outward unit normals there, (n, 3)
     distances: Floats  # (n,), negative inside
 
 
@@ -105,20 +102,20 @@ class Solid(ABC):
 
     @abstractmethod
     def mesh(self) -> HasTriangles:
-        """Its triangles."""
+        """The triangles of its surface."""
 
     def health(self) -> dict[str, float]:
-        """Figures of the fit by name; none of a solid of which only the mesh is known."""
+        """Figures of the fit by name; empty for a solid that is only a mesh."""
         return {}
 
     @cached_property
     def final_mesh(self) -> MeshSolid:
-        """The mesh by which the solid is measured, written and shown.
+        """The mesh that is measured, written and shown.
 
-        Of a run it is the mesh that the run published and wrote; else what `mesh` returns.
+        Of a run it is the mesh that the run published and wrote; else the result of `mesh`.
         """
-        found = self.mesh()
-        return MeshSolid(found.vertices, np.asarray(found.faces, np.int32))
+        mesh = self.mesh()
+        return MeshSolid(mesh.vertices, np.asarray(mesh.faces, np.int32))
 
     def with_final_mesh(self, vertices: Floats, faces: Ints) -> Self:
         """The same solid with these vertices (n, 3) and faces (m, 3) as its final mesh."""
@@ -127,17 +124,17 @@ class Solid(ABC):
         return other
 
     def _size(self) -> str:
-        """Sides of the box that holds it, as text."""
+        """Sides of the box around it, as text."""
         return " x ".join(f"{side:.3g}" for side in np.ptp(self.bounds, axis=0))
 
     @property
     def volume(self) -> float:
-        """Volume [m3], as `measures` has it."""
+        """Volume [m3], from `measures`."""
         return self.measures().volume_m3
 
     @property
     def area(self) -> float:
-        """Area of the surface [m2], as `measures` has it."""
+        """Area of the surface [m2], from `measures`."""
         return self.measures().area_m2
 
     @property
@@ -163,7 +160,7 @@ class Solid(ABC):
         """Distances (n,) [m] of points (n, 3) [m] from the surface, negative inside.
 
         Raises ValueError if points have another shape, are not finite, or lie so far away that they
-        are given in another unit.
+        are probably in another unit.
         """
         return self.closest(self._in_its_unit(points)).distances
 
@@ -174,10 +171,11 @@ class Solid(ABC):
         """
         return self.closest(self._in_its_unit(points)).normals
 
-    def _in_its_unit(self, points: ArrayLike) -> Floats:
+    def _in_its_unit(self, points: ArrayLike, max_ratio: float = 300.0) -> Floats:
+        """Points (n, 3) that are at most `max_ratio` times as far from the origin as the solid."""
         places = finite_array("points", points, (None, 3))
-        far, size = (float(np.abs(one).max(initial=0.0)) for one in (places, self.bounds))
-        if far > MAX_REMOTENESS * size:
+        far, size = (float(np.abs(part).max(initial=0.0)) for part in (places, self.bounds))
+        if far > max_ratio * size:
             raise ValueError(
                 f"points lie up to {far:.4g} from the origin, and the solid up to {size:.3g}: they "
                 "must be in its unit; multiply millimetres by 0.001 where that is the metre"
@@ -196,7 +194,7 @@ class Solid(ABC):
         return self.final_mesh.measures()
 
     def check(self) -> SolidCheck:
-        """What the final mesh is like as a body; looking for crossings takes about a second."""
+        """Whether the final mesh is the surface of a body; takes about a second."""
         vertices, faces = self.final_mesh.vertices, self.final_mesh.faces
         return SolidCheck(
             closed=has_paired_edges(faces),
@@ -207,15 +205,15 @@ class Solid(ABC):
         )
 
     def to_trimesh(self) -> trimesh.Trimesh:
-        """The final mesh as trimesh has it [m]."""
+        """The final mesh as one of trimesh [m]."""
         import trimesh
 
         return trimesh.Trimesh(self.final_mesh.vertices, self.final_mesh.faces, process=False)
 
     def export(self, path: str | Path) -> None:
-        """Write the final mesh; an existing file is replaced as a whole.
+        """Write the final mesh to a file, which is replaced if it exists.
 
-        The suffix tells the format and its unit: ``.ply``, ``.obj`` (m), ``.glb`` (m, y up),
+        The suffix selects the format and its unit: ``.ply``, ``.obj`` (m), ``.glb`` (m, y up),
         ``.stl``, ``.3mf`` (mm). Raises InputError if the suffix is another, or the file cannot be
         written.
         """
@@ -224,9 +222,9 @@ class Solid(ABC):
         export_solid(self, Path(path))
 
     def show(self) -> Any:
-        """Look at it: in the browser where viser is installed, else in a window of matplotlib.
+        """Show it: in the browser if viser is installed, else in a window of matplotlib.
 
-        Returns viser's server, which serves this machine alone until it is stopped; or the figure.
+        Returns viser's server, which serves only this machine until it is stopped, or the figure.
         """
         from palpate.output import show_solid
 
@@ -235,12 +233,12 @@ class Solid(ABC):
 
 @dataclass(frozen=True, eq=False)
 class MeshSolid(Solid):
-    """A solid of which only a mesh is known, as of a file or of an exploratory procedure.
+    """A solid that is only a mesh, for instance from a file or an exploratory procedure.
 
-    Raises ValueError if a vertex is not finite, there is no face, or one names no vertex.
+    Raises ValueError if a vertex is not finite, there is no face, or a face refers to no vertex.
     """
 
-    vertices: Floats  # (n, 3), m
+    vertices: Floats  # (n, 3) [m]
     faces: Ints  # (m, 3), counter-clockwise seen from outside
 
     def __post_init__(self) -> None:
@@ -263,7 +261,7 @@ class MeshSolid(Solid):
     def measures(self) -> SolidMeasures:
         """Volume, area, centroid, inertia about it, and extents; exact for the polyhedron.
 
-        Integrals over the tetrahedra between each face and the middle of the box.
+        They are integrals over the tetrahedra between each face and the middle of the box.
         """
         low, high = self.bounds
         corners = (self.vertices - 0.5 * (low + high))[self.faces]
@@ -283,14 +281,14 @@ class MeshSolid(Solid):
         )
 
     def closest(self, points: ArrayLike) -> Closest:
-        """Closest points, as `Solid.closest`; normals are smooth across blunt edges."""
+        """As `Solid.closest`; normals are smooth across blunt edges."""
         queries = finite_array("points", points, (None, 3))
         if not len(queries):
             return Closest(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
-        found = nearest_points(self._search, queries)
-        outside = are_outside(self.vertices, self.faces, queries, found)
-        normals = normals_at(self.vertices[self.faces], self._corner_normals, found)
-        return Closest(found.points, normals, np.where(outside, 1.0, -1.0) * found.distances)
+        nearest = nearest_points(self._search, queries)
+        outside = are_outside(self.vertices, self.faces, queries, nearest)
+        normals = normals_at(self.vertices[self.faces], self._corner_normals, nearest)
+        return Closest(nearest.points, normals, np.where(outside, 1.0, -1.0) * nearest.distances)
 
     @cached_property
     def _search(self) -> NearestSearch:

@@ -1,9 +1,8 @@
-"""What was touched, put in order.
+"""Contact points and contours: closed curves, stacks of slices, outliers, correspondence.
 
-Contact points, contours as closed curves, the stack of slices, what is wrong with them, which
-places correspond. Thresholds for outliers and for contours that neighbours contradict may be
-tuned: they are in standard deviations, or shares of a perimeter or radius. It rests on plane
-geometry and closed curves of `palpate.core.splines`; nothing here knows of surfaces.
+Thresholds are fields of settings classes: standard deviations, or fractions of a perimeter or
+radius. The package uses plane geometry and the closed curves of `palpate.core.splines`, and no
+surfaces.
 """
 
 from palpate.core.rebuild.contours.contacts import (
@@ -31,10 +30,10 @@ from palpate.core.rebuild.contours.neighbours import (
     FeatureCandidate as FeatureCandidate,
     inconsistent_contours as inconsistent_contours,
     interpolation_errors as interpolation_errors,
-    look_like_features as look_like_features,
+    may_be_features as may_be_features,
     neighbour_misfits as neighbour_misfits,
     neighbour_weights as neighbour_weights,
-    slid_grid as slid_grid,
+    slide_along_curves as slide_along_curves,
 )
 from palpate.core.rebuild.contours.ordering import (
     order_points as order_points,

@@ -1,12 +1,13 @@
 """Contact points with their normals, and the frame in which an object is sliced.
 
-A contour's point with a normal is three contact points: itself, and one a little above
-and below in its plane, for a normal tells where the surface goes from there.
+A point of a contour with a normal is represented by three contact points: the point itself, and
+two on its tangent plane, a little above and below it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -17,29 +18,37 @@ from palpate.core.arrays import Floats, Ints, finite_array
 from palpate.core.poses import IDENTITY_POSE, Pose, rotation_matrix
 from palpate.reprs import readable
 
-STEP = 0.02  # Of the mean distance of contours: how far above and below the further points lie
-ALONE = 1e-3  # The same of the width, where there is but one contour
-LEVEL = 0.05  # Level part of a normal, of 1, below which it tells nothing of the side
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NormalPointSettings:
+    """How far from a point with a normal its two additional contact points lie."""
+
+    spacing_fraction: float = 0.02  # fraction of the mean spacing of the contours
+    width_fraction: float = 1e-3  # fraction of the width, used where there is only one contour
+    min_horizontal_normal: float = 0.05  # horizontal part of a unit normal; else it is not used
 
 
 @readable
 class ContactPoints(NamedTuple):
     """Touched taxels, world frame."""
 
-    points: Floats  # (n, 3), m
-    normals: Floats | None  # Outward unit normals, (n, 3); None where nobody measured them
-    touch: Ints  # Of each point, (n,), from 0 on: those of one touch share the error of its pose
+    points: Floats  # (n, 3) [m]
+    normals: Floats | None  # outward unit normals, (n, 3); None if not measured
+    touch: Ints  # number of each point's touch, (n,), from 0; its points share its pose error
 
     @classmethod
     def of_touch(cls, points: Floats, normals: Floats) -> ContactPoints:
-        """What a single touch met."""
+        """Contact points of a single touch."""
         return cls(points, normals, np.zeros(len(points), np.int32))
 
 
 def taxel_pitch(contacts: ContactPoints) -> float:
-    """Median distance of the nearest two taxels in the touch that has most of them, m; 0 if one."""
-    most = int(np.bincount(contacts.touch).argmax())
-    points = contacts.points[contacts.touch == most]
+    """Median distance [m] from a taxel to the nearest one, in the touch with most taxels.
+
+    It is 0 if that touch has a single taxel.
+    """
+    largest_touch = int(np.bincount(contacts.touch).argmax())
+    points = contacts.points[contacts.touch == largest_touch]
     if len(points) < 2:
         return 0.0
     distances, _ = scipy.spatial.cKDTree(points).query(points, k=2)
@@ -47,7 +56,7 @@ def taxel_pitch(contacts: ContactPoints) -> float:
 
 
 def stack_points(parts: list[ContactPoints]) -> ContactPoints:
-    """All points of several touches or stacks, no two of which share a touch."""
+    """All points of several sets of contacts, whose touches are numbered consecutively."""
     if not parts:
         return ContactPoints(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0, np.int32))
     counts = [int(part.touch.max(initial=-1)) + 1 for part in parts]
@@ -62,10 +71,10 @@ def stack_points(parts: list[ContactPoints]) -> ContactPoints:
 
 
 def checked_contacts(contacts: object) -> ContactPoints:
-    """The same, normals of length 1 and touches counted from 0 on.
+    """Validated contacts with unit normals and touches numbered from 0 without gaps.
 
-    Raises ValueError if it is nothing of the kind, shapes do not fit, a number is not finite, a
-    normal has no length, or a touch is negative or no whole number.
+    Raises ValueError if `contacts` is of another type, shapes do not match, a number is not finite,
+    a normal has length 0, or a touch number is negative or not whole.
     """
     if not isinstance(contacts, ContactPoints):
         kind = type(contacts).__name__
@@ -91,52 +100,59 @@ def normals_as_points(
     normals: Sequence[ArrayLike],
     heights: ArrayLike | None = None,
     frame: Floats | None = None,
+    settings: NormalPointSettings = NormalPointSettings(),
 ) -> ContactPoints:
-    """Contact points of contours with normals; every point is a touch by itself.
+    """Contact points of contours with normals; each point of a contour is a touch by itself.
 
     Contours are (n, 3) arrays, or (n, 2) with `heights` (m,); normals (n, 3) point outward and have
-    any length. Rows that are not finite, or whose normal has no length, are left out. Both are
-    given in the world, the contact points lie in the `frame` (7,), if there is one. Raises
-    ValueError if there are not as many normals as contours, or as points of a contour.
+    any length. Rows that are not finite, or whose normal has length 0, are left out. Contours and
+    normals are in the world frame, the returned points in the `frame` (7,), if there is one.
+    `settings` say how far apart the points are. Raises ValueError if there are not as many normals
+    as contours, or as points of a contour.
     """
     if (count := len(normals)) != len(contours):
         raise ValueError(f"normals must be as many as the {len(contours)} contours, got {count}")
-    given_levels = None if heights is None else finite_array("heights", heights, (len(contours),))
+    levels = None if heights is None else finite_array("heights", heights, (len(contours),))
     parts = []
-    for which, (given, given_normals) in enumerate(zip(contours, normals, strict=True)):
-        points, beside = np.asarray(given, float), np.asarray(given_normals, float)
-        if given_levels is not None:
-            points = np.column_stack([points, np.full(len(points), given_levels[which])])
-        if beside.shape != points.shape:
+    for number, (contour, directions) in enumerate(zip(contours, normals, strict=True)):
+        points, outward = np.asarray(contour, float), np.asarray(directions, float)
+        if levels is not None:
+            points = np.column_stack([points, np.full(len(points), levels[number])])
+        if outward.shape != points.shape:
             raise ValueError(
-                f"normals of contour {which} must have shape {points.shape}, got {beside.shape}"
+                f"normals of contour {number} must have shape {points.shape}, got {outward.shape}"
             )
-        length = np.linalg.norm(beside, axis=1)
-        good = np.isfinite(points).all(axis=1) & np.isfinite(length) & (length > 0.0)
-        unit = turned_into_frame(frame, beside[good] / length[good, None])
-        parts.append((into_frame(frame, points[good]), unit))
+        length = np.linalg.norm(outward, axis=1)
+        valid = np.isfinite(points).all(axis=1) & np.isfinite(length) & (length > 0.0)
+        unit = directions_into_frame(frame, outward[valid] / length[valid, None])
+        parts.append((into_frame(frame, points[valid]), unit))
     used = [points for points, _ in parts if len(points)]
-    levels = np.array([points[:, 2].mean() for points in used])
+    means = np.array([points[:, 2].mean() for points in used])
     step = 0.0
-    if len(used) and np.ptp(levels) > 0.0:
-        step = STEP * float(np.ptp(levels)) / (len(levels) - 1)
+    if len(used) and np.ptp(means) > 0.0:
+        step = settings.spacing_fraction * float(np.ptp(means)) / (len(means) - 1)
     elif len(used):
-        step = ALONE * float(np.ptp(used[0][:, :2], axis=0).max())
-    return stack_points([_stretches(points, unit, step) for points, unit in parts])
+        step = settings.width_fraction * float(np.ptp(used[0][:, :2], axis=0).max())
+    least = settings.min_horizontal_normal
+    return stack_points([_tangent_points(points, unit, step, least) for points, unit in parts])
 
 
-def _stretches(points: Floats, normals: Floats, step: float) -> ContactPoints:
-    level = np.hypot(normals[:, 0], normals[:, 1])
-    steep = level > LEVEL
-    points, normals, level = points[steep], normals[steep], level[steep]
-    uphill = np.column_stack([-normals[:, :2] * normals[:, 2:] / level[:, None], level])
-    three = points[:, None] + step * np.array([-1.0, 0.0, 1.0])[:, None] * uphill[:, None]
+def _tangent_points(
+    points: Floats, normals: Floats, step: float, min_horizontal: float
+) -> ContactPoints:
+    """Each point, and the points `step` [m] below and above it on its tangent plane."""
+    horizontal = np.hypot(normals[:, 0], normals[:, 1])
+    steep = horizontal > min_horizontal
+    points, normals, horizontal = points[steep], normals[steep], horizontal[steep]
+    uphill = -normals[:, :2] * normals[:, 2:] / horizontal[:, None]
+    uphill = np.column_stack([uphill, horizontal])
+    triples = points[:, None] + step * np.array([-1.0, 0.0, 1.0])[:, None] * uphill[:, None]
     touch = np.repeat(np.arange(len(points), dtype=np.int32), 3)
-    return ContactPoints(three.reshape(-1, 3), np.repeat(normals, 3, axis=0), touch)
+    return ContactPoints(triples.reshape(-1, 3), np.repeat(normals, 3, axis=0), touch)
 
 
 def slicing_pose(frame: ArrayLike | None) -> Floats | None:
-    """A checked pose (7,); None if it is the world's own. Raises ValueError if it is none."""
+    """A validated, read-only pose (7,); None for the world frame. ValueError if it is no pose."""
     if frame is None:
         return None
     pose = finite_array("frame", frame, IDENTITY_POSE.shape).copy()
@@ -148,7 +164,7 @@ def slicing_pose(frame: ArrayLike | None) -> Floats | None:
 
 
 def into_frame(frame: Floats | None, points: Floats) -> Floats:
-    """Points (n, 3) of the world as they are seen from a frame."""
+    """Coordinates in a frame of points (n, 3) given in the world."""
     if frame is None:
         return points
     position, axes = Pose.from_array(frame)
@@ -156,14 +172,14 @@ def into_frame(frame: Floats | None, points: Floats) -> Floats:
 
 
 def contacts_into_frame(frame: Floats | None, contacts: ContactPoints) -> ContactPoints:
-    """Contact points of the world as they are seen from a frame."""
+    """Coordinates in a frame of contact points given in the world."""
     normals = contacts.normals
     return contacts._replace(
         points=into_frame(frame, contacts.points),
-        normals=None if normals is None else turned_into_frame(frame, normals),
+        normals=None if normals is None else directions_into_frame(frame, normals),
     )
 
 
-def turned_into_frame(frame: Floats | None, directions: Floats) -> Floats:
-    """Directions (n, 3) of the world as they are seen from a frame."""
+def directions_into_frame(frame: Floats | None, directions: Floats) -> Floats:
+    """Components in a frame of directions (n, 3) given in the world."""
     return directions if frame is None else directions @ rotation_matrix(frame[3:])

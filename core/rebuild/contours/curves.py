@@ -1,7 +1,7 @@
-"""Contours as closed curves: each as it was given, or refused with a reason, and many at once.
+"""Contours as closed curves: each contour by itself, or refused with a reason.
 
-Whether points were taken at even steps is judged as far as their noise lets one see; even steps are
-solved by Fourier transform and evaluated together.
+Points at even steps are interpolated by Fourier transform, and all such curves are evaluated
+together. Whether noise is all that makes the steps uneven is judged from the points.
 """
 
 from __future__ import annotations
@@ -18,15 +18,8 @@ from palpate.core import splines
 from palpate.core.arrays import PROBABLE_ERROR, Bools, Floats, finite_array, probable_error_sigma
 from palpate.core.geometry import area_centroid, is_simple_ring, self_intersects, turn_between
 from palpate.core.rebuild.contours.contacts import into_frame
-from palpate.core.rebuild.contours.ordering import FoundOrder, found_order
+from palpate.core.rebuild.contours.ordering import CheckedOrder, checked_order
 
-REACH = 4  # Points on either side; half of them may be wrong
-CLEARLY = 6.0  # Deviations from which on a point is away from the median of those beside it,
-SPREAD = 3.0  # and of the middle half of those beside it, for a contour may rise and fall,
-LEAST = 1e-4  # and of the perimeter: less does no harm
-MOST = 0.15  # Share of the points beyond which the contour itself is like that
-LEAST_HEIGHT_POINTS = 12
-SHOWN = 6  # Most contours that a sentence names
 # Why a contour is not used.
 DropReason = (
     Literal["too few points", "in one place", "in one place: a touch of its end", "on one line"]
@@ -34,36 +27,58 @@ DropReason = (
     | Literal["crosses another at its height", "beside another at its height"]
     | Literal["unlike its neighbours", "its points are in no order"]
 )
-FINE = 512  # Places along each curve at which it is compared with others
-LEAST_CURVE_POINTS = 3
-KEPT = 512  # Curves that are kept: the last ones
-EVEN_CONDITION = 3.0  # Of the system for even steps: its eigenvalues lie between 1/3 and 1
-ISOTROPIC = 1.6  # So many times farther along the contour than across is no noise: it is uneven
-CLEAR = 8.0  # Chords so many times longer than the noise tell how even the steps are
-WIDEST = 6  # Of the points, one in so many is the longest such chord: a sixth of a turn
-CUBIC_GAIN = float(np.sqrt(1.0 + 34.0 / 36.0))  # Of noise, from the cubic through two on each side
-BACK = 0.1  # Angle by which a polygon may go back around the origin, rad: noise does
+MIN_CURVE_POINTS = 3
+EVEN_CONDITION = 3.0  # of the cubic spline's system at even steps: eigenvalues from 1/3 to 1
+# Standard deviation of a point's distance from the cubic through two neighbours on each side, over
+# that of the points.
+CUBIC_GAIN = float(np.sqrt(1.0 + 34.0 / 36.0))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HeightOutlierSettings:
+    """When the height of a point is wrong: compared with the median of its neighbours' heights."""
+
+    n_each_side: int = 4  # neighbours; half of them may be wrong
+    min_sigmas: float = 6.0  # standard deviations of the contour's heights
+    min_spread_ratio: float = 3.0  # over the neighbours' interquartile range: a contour may rise
+    min_deviation: float = 1e-4  # fraction of the perimeter: less does no harm
+    max_share: float = 0.15  # of the points; beyond it the contour itself has this shape
+    min_points: int = 12  # contours of fewer points are not judged
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CurveSettings:
+    """How contours become curves, and when only noise makes the steps of their points uneven."""
+
+    n_fine: int = 512  # places along each curve at which it is compared with others
+    max_noise_ratio: float = 1.6  # of noise along the contour over noise across; else it is uneven
+    min_chord_ratio: float = 8.0  # of the chords that measure the steps, over the noise
+    min_chords_around: int = 6  # the longest such chord spans a sixth of the points
+    heights: HeightOutlierSettings = HeightOutlierSettings()
+
+
+DEFAULT_CURVES = CurveSettings()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ContourCurve:
     """One contour with its curve, before the stack is made."""
 
-    which: int  # Of the given contours
-    height: float  # m
-    curve: splines.ClosedCurve  # Through its points
-    points: Floats  # (n, 2), those that the curve was made from, in its order, m
-    as_given: Floats  # (n, 2), the same as they were given; outliers are mended in `points`, m
-    outlier: Bools  # (n,): single points that are wrong: they are not used
-    off_height: Bools  # (n,): those that are known to be, for they are not at the contour's height
-    fine: Floats  # (k, 2), the curve at even steps of its turn, m
-    star: bool  # Each ray from the middle of its area meets the curve once
-    perimeter: float  # m
-    tilt: float  # Root mean square of its rise and fall, m
-    error: float  # Standard error of the height, m
-    rises: Floats  # (n,): how far each of `points` lies above the height, m
-    reordered: bool = False  # Its points were given in no order, and were put in order
-    disordered: bool = False  # Its points were given in no order, and have no safe one
+    which: int  # number of the contour as it was given
+    height: float  # [m]
+    curve: splines.ClosedCurve  # through the points
+    points: Floats  # (n, 2) [m], in the order of the curve; outliers are moved onto it
+    as_given: Floats  # (n, 2) [m], the same points before outliers were moved
+    outlier: Bools  # (n,): single points that are wrong and not used
+    off_height: Bools  # (n,): outliers by their height
+    fine: Floats  # (k, 2) [m], the curve at even steps of its parameter
+    star: bool  # whether each ray from the centroid of its area meets the curve once
+    perimeter: float  # [m]
+    tilt: float  # root mean square of the smooth rise and fall of the points [m]
+    error: float  # standard error of the height [m]
+    rises: Floats  # (n,) [m]: of each of `points` above the height
+    reordered: bool = False  # whether its points were given in no order, and were put in order
+    disordered: bool = False  # whether its points have no order that is certain
 
 
 def contour_curves(
@@ -71,112 +86,124 @@ def contour_curves(
     heights: ArrayLike | None = None,
     first: int = 0,
     frame: Floats | None = None,
+    settings: CurveSettings = DEFAULT_CURVES,
 ) -> tuple[ContourCurve | DroppedContour, ...]:
-    """Each contour as a closed curve, or why it is none: too few points, in one place, on a line.
+    """Each contour as a closed curve, or why it has none: too few points, in one place, on a line.
 
-    A contour is (n, 3) points, z the slicing axis, in any one unit (written m here): begun
-    anywhere, in either direction, any number of them, the first again at the end or not. Points in
-    no order are put in order where that is safe. Rows that are not finite are left out. With
-    `heights` (len(contours),) they are (n, 2). `first` is the number of the first; `frame` (7,) the
-    pose of the frame around whose z axis they run, in the world.
-    Raises ValueError if a shape is another, or a height is not finite or beside a frame.
+    A contour is (n, 3) points, z being the slicing axis, in any one unit (m in comments here). It
+    may begin anywhere, run in either direction, and repeat its first point at the end. Points in no
+    order are put in order where that is certain. Rows that are not finite are left out. With
+    `heights` (len(contours),) contours are (n, 2). `first` is the number of the first contour,
+    `frame` (7,) the pose in the world of the frame around whose z axis contours run.
+    Raises ValueError if a shape is wrong, a height is not finite, or both heights and a frame are
+    given.
     """
     if frame is not None and heights is not None:
         raise ValueError(
             "heights must be left out with a frame, for contours are then points of the world"
         )
-    given = enumerate(_given(contours, heights, first), first)
-    return tuple(_kept(which, into_frame(frame, points).tobytes()) for which, points in given)
+    return tuple(
+        _cached_curve(number, into_frame(frame, points).tobytes(), settings)
+        for number, points in enumerate(_checked_contours(contours, heights, first), first)
+    )
 
 
-def _given(contours: Sequence[ArrayLike], heights: ArrayLike | None, first: int) -> list[Floats]:
-    """The contours as (n, 3) arrays, of their finite rows."""
+def _checked_contours(
+    contours: Sequence[ArrayLike], heights: ArrayLike | None, first: int
+) -> list[Floats]:
+    """The contours as (n, 3) arrays of their finite rows."""
     if isinstance(contours, str) or not isinstance(contours, Sequence | np.ndarray):
         raise ValueError(f"contours must be a sequence of arrays, got {type(contours).__name__}")
     if not len(contours):
         raise ValueError("contours must be at least one, got none")
     width = 3 if heights is None else 2
-    found = []
-    for which, contour in enumerate(contours, first):
+    checked = []
+    for number, contour in enumerate(contours, first):
         try:
             array = np.asarray(contour)
             if np.iscomplexobj(array):
                 raise ValueError("complex ones")
             points = array.astype(np.float64, copy=False)
         except (TypeError, ValueError) as error:
-            raise ValueError(f"contour {which} must be an array of real numbers: {error}") from None
+            message = f"contour {number} must be an array of real numbers: {error}"
+            raise ValueError(message) from None
         if not points.size:
             points = points.reshape(0, width)
         if points.ndim != 2 or points.shape[1] != width:
-            raise ValueError(f"contour {which} must have shape (any, {width}), got {points.shape}")
-        found.append(points)
+            raise ValueError(f"contour {number} must have shape (any, {width}), got {points.shape}")
+        checked.append(points)
     if heights is not None:
-        pairs = zip(found, finite_array("heights", heights, (len(found),)), strict=True)
-        found = [np.column_stack([points, np.full(len(points), z)]) for points, z in pairs]
-    return [points[np.isfinite(points).all(axis=1)] for points in found]
+        pairs = zip(checked, finite_array("heights", heights, (len(checked),)), strict=True)
+        checked = [np.column_stack([points, np.full(len(points), z)]) for points, z in pairs]
+    return [points[np.isfinite(points).all(axis=1)] for points in checked]
 
 
-@lru_cache(maxsize=KEPT)
-def _kept(which: int, points: bytes) -> ContourCurve | DroppedContour:
-    """The curve of points (n, 3): models of ever more contours have most of them in common."""
-    return _contour_curve(which, np.frombuffer(points).reshape(-1, 3))
+@lru_cache(maxsize=512)
+def _cached_curve(
+    number: int, points: bytes, settings: CurveSettings
+) -> ContourCurve | DroppedContour:
+    """The curve of points (n, 3): growing sets of contours have most of them in common."""
+    return _contour_curve(number, np.frombuffer(points).reshape(-1, 3), settings)
 
 
-def _contour_curve(which: int, points: Floats) -> ContourCurve | DroppedContour:
+def _contour_curve(
+    number: int, points: Floats, settings: CurveSettings
+) -> ContourCurve | DroppedContour:
     level = float(np.median(points[:, 2])) if len(points) else None
-    if len(points) < LEAST_CURVE_POINTS:
-        return DroppedContour(which, "too few points", level)
-    order = FoundOrder(None, False)
+    if len(points) < MIN_CURVE_POINTS:
+        return DroppedContour(number, "too few points", level)
+    order = CheckedOrder(None, False)
     if not is_simple_ring(points[:, :2]):
-        order = found_order(points[:, :2])
+        order = checked_order(points[:, :2])
         points = points if order.rows is None else points[order.rows]
-    found = slice_curve(points[:, :2])
-    used = points[found.curve.used]
-    if len(used) < LEAST_CURVE_POINTS:
-        return DroppedContour(which, "in one place" if len(used) == 1 else "too few points", level)
-    if found.curve.flags.degenerate:
-        return DroppedContour(which, "on one line", level)
-    perimeter = _length(found.fine)
-    off_height = height_outliers(used[:, 2], perimeter)
+    fit = slice_curve(points[:, :2], settings)
+    used = points[fit.curve.used]
+    if len(used) < MIN_CURVE_POINTS:
+        return DroppedContour(number, "in one place" if len(used) == 1 else "too few points", level)
+    if fit.curve.flags.degenerate:
+        return DroppedContour(number, "on one line", level)
+    perimeter = _length(fit.fine)
+    off_height = height_outliers(used[:, 2], perimeter, settings.heights)
     good = used[~off_height]
     tilt, noise = height_residual_of(good)
     height = float(good[0, 2] + (good[:, 2] - good[0, 2]).mean())
     return ContourCurve(
-        which=which,
+        which=number,
         height=height,
-        curve=found.curve,
+        curve=fit.curve,
         points=used[:, :2],
         as_given=used[:, :2],
         outlier=np.zeros(len(used), np.bool_),
         off_height=off_height,
-        fine=found.fine,
-        star=found.star,
+        fine=fit.fine,
+        star=fit.is_star_shaped,
         perimeter=perimeter,
         tilt=tilt,
         error=noise / float(np.sqrt(len(good))),
         rises=used[:, 2] - height,
         reordered=order.rows is not None,
-        disordered=order.disordered,
+        disordered=order.is_disordered,
     )
 
 
-def height_outliers(z: Floats, perimeter: float) -> Bools:
-    """Which points, by their z (n,) in order, are far from the middle of those beside."""
-    if len(z) < LEAST_HEIGHT_POINTS:
+def height_outliers(z: Floats, perimeter: float, settings: HeightOutlierSettings) -> Bools:
+    """Points (n,) whose heights z (n,), in order around the contour, are far from their median."""
+    if len(z) < settings.min_points:
         return np.zeros(len(z), np.bool_)
-    near = np.stack([np.roll(z, by) for by in range(-REACH, REACH + 1)])
-    low, middle, high = np.quantile(near, [0.25, 0.5, 0.75], axis=0)
+    shifts = range(-settings.n_each_side, settings.n_each_side + 1)
+    low, middle, high = np.quantile([np.roll(z, by) for by in shifts], [0.25, 0.5, 0.75], axis=0)
     off = np.abs(z - middle)
-    least = max(CLEARLY * probable_error_sigma(off), LEAST * perimeter)
-    outlier: Bools = off > np.maximum(SPREAD * (high - low), least)
-    return np.asarray(outlier & (outlier.mean() <= MOST))
+    least = settings.min_sigmas * probable_error_sigma(off)
+    least = max(least, settings.min_deviation * perimeter)
+    outlier: Bools = off > np.maximum(settings.min_spread_ratio * (high - low), least)
+    return np.asarray(outlier & (outlier.mean() <= settings.max_share))
 
 
 def height_residual_of(points: Floats) -> tuple[float, float]:
-    """Root mean square departures of z of points (n, 3) from its mean: of a shape, and of noise, m.
+    """Root mean square [m] of the smooth and of the random part of z - mean(z) of points (n, 3).
 
-    The shape is a quadric over the plane; the share that noise alone would have in the fit is taken
-    out of it. Of 6 points and fewer all is taken for shape.
+    The smooth part is a quadric over the plane, without the share that noise has in its fit. Of 6
+    points or fewer all is taken for smooth.
     """
     z = points[:, 2] - points[0, 2]
     z = z - z.mean()
@@ -186,7 +213,7 @@ def height_residual_of(points: Floats) -> tuple[float, float]:
     near = points[:, :2] - points[:, :2].mean(axis=0)
     x, y = (near / np.abs(near).max()).T
     quadric = quadric_terms(x, y)
-    # A circle cannot tell the bowl from the constant: the shortest of all solutions will do.
+    # On a circle the bowl and the constant are the same: least squares takes the shortest solution.
     solution, _, rank, _ = np.linalg.lstsq(quadric, z / size, rcond=None)
     explained = quadric @ solution
     spare = len(z) - int(rank)
@@ -197,82 +224,88 @@ def height_residual_of(points: Floats) -> tuple[float, float]:
 
 
 def quadric_terms(x: Floats, y: Floats) -> Floats:
-    """Monomials up to the second degree at places (n,), (n, 6)."""
+    """Monomials 1, x, y, x^2, x y, y^2 at places (n,): (n, 6)."""
     return np.column_stack([np.ones_like(x), x, y, x * x, x * y, y * y])
 
 
-def refitted_curve(loop: ContourCurve, points: Floats, outlier: Bools) -> ContourCurve:
-    """The same contour with its outliers (n,) moved to where they should be, points (n, 2)."""
+def refitted_curve(
+    loop: ContourCurve, points: Floats, outlier: Bools, settings: CurveSettings = DEFAULT_CURVES
+) -> ContourCurve:
+    """The contour with its outliers (n,) moved to predicted places: its points are now (n, 2)."""
     if np.array_equal(points, loop.points):
         return replace(loop, outlier=outlier)
-    found = slice_curve(points)
-    used = found.curve.used
-    if len(used) < LEAST_CURVE_POINTS or found.curve.flags.degenerate:
+    fit = slice_curve(points, settings)
+    used = fit.curve.used
+    if len(used) < MIN_CURVE_POINTS or fit.curve.flags.degenerate:
         return loop
     return replace(
         loop,
-        curve=found.curve,
+        curve=fit.curve,
         points=points[used],
         as_given=loop.as_given[used],
         outlier=outlier[used],
         off_height=loop.off_height[used],
         rises=loop.rises[used],
-        fine=found.fine,
-        star=found.star,
-        perimeter=_length(found.fine),
+        fine=fit.fine,
+        star=fit.is_star_shaped,
+        perimeter=_length(fit.fine),
     )
 
 
-def slice_curve(points: Floats) -> SliceCurve:
-    """Closed cubic through points (m, 2) in any order, smoothed only where it would meet itself."""
+def slice_curve(points: Floats, settings: CurveSettings) -> SliceCurve:
+    """Closed cubic through points (m, 2), smoothed only if it would else intersect itself."""
     ring = splines.order_closed_points(points)
-    if len(ring.points) < LEAST_CURVE_POINTS:
+    if len(ring.points) < MIN_CURVE_POINTS:
         curve = splines.fit_closed_curve(points, parameters="even", smoothing=None)
-        return SliceCurve(curve, np.repeat(ring.middle[None], FINE, axis=0), False)
-    turns = slice_parameters(ring.points)
-    through = _seen(ring, _through(ring.points, turns))
-    if not through.curve.flags.self_intersecting:
-        return through
-    smooth = _seen(ring, splines.choose_closed_fit(ring.points, turns, None, "gcv", 0.0))
-    return through if smooth.curve.flags.self_intersecting else smooth
+        return SliceCurve(curve, np.repeat(ring.middle[None], settings.n_fine, axis=0), False)
+    turns = slice_parameters(ring.points, settings)
+    exact = _scaled_back(ring, _interpolated(ring.points, turns), settings.n_fine)
+    if not exact.curve.flags.self_intersecting:
+        return exact
+    fit = splines.choose_closed_fit(ring.points, turns, None, "gcv", 0.0)
+    smooth = _scaled_back(ring, fit, settings.n_fine)
+    return exact if smooth.curve.flags.self_intersecting else smooth
 
 
-def slice_parameters(points: Floats) -> Floats:
-    """Parameters (m,) of points (m, 2), in turns: even if their steps are, else by chords."""
+def slice_parameters(points: Floats, settings: CurveSettings) -> Floats:
+    """Parameters (m,) [turns] of points (m, 2): even if their steps are even, else by chords."""
     parameters = splines.curve_parameters(points, "even")
-    if len(points) < splines.LEAST_POINTS or same_steps(parameters) or not _noisy_even(points):
+    if len(points) < splines.LEAST_POINTS or has_even_steps(parameters):
+        return parameters
+    if not _is_even_but_noisy(points, settings):
         return parameters
     return np.arange(len(points)) / len(points)
 
 
-def _noisy_even(points: Floats) -> bool:
+def _is_even_but_noisy(points: Floats, settings: CurveSettings) -> bool:
     """Whether noise is all that makes the steps of points (m, 2) uneven."""
     count = len(points)
-    one, two = (np.roll(points, n, 0) + np.roll(points, -n, 0) for n in (1, 2))
-    off = points - (4.0 * one - two) / 6.0
+    nearest, second = (np.roll(points, n, 0) + np.roll(points, -n, 0) for n in (1, 2))
+    off = points - (4.0 * nearest - second) / 6.0
     ahead = np.roll(points, -2, 0) - np.roll(points, 2, 0)
     length = np.linalg.norm(ahead, axis=1)
     ahead = ahead / np.where(length > 0.0, length, 1.0)[:, None]
     along = float(np.median(np.abs((off * ahead).sum(axis=1))))
     across = float(np.median(np.abs(off[:, 0] * ahead[:, 1] - off[:, 1] * ahead[:, 0])))
-    if not 0.0 < along <= ISOTROPIC * across:
+    if not 0.0 < along <= settings.max_noise_ratio * across:
         return False
     noise = across / PROBABLE_ERROR / CUBIC_GAIN
     step = float(np.median(length)) / 4.0
-    reach = int(np.clip(np.ceil(CLEAR * noise / max(step, noise)), 3, max(count // WIDEST, 3)))
-    chords = np.linalg.norm(np.roll(points, -reach, 0) - points, axis=1)
-    return splines.are_even_chords(chords, reach)
+    wanted = np.ceil(settings.min_chord_ratio * noise / max(step, noise))
+    span = int(np.clip(wanted, 3, max(count // settings.min_chords_around, 3)))
+    chords = np.linalg.norm(np.roll(points, -span, 0) - points, axis=1)
+    return splines.are_even_chords(chords, span)
 
 
-def _seen(ring: splines.ClosedPoints, fit: splines.CurveFit) -> SliceCurve:
-    """The fit in the points' own place and scale, with what should be known of it."""
+def _scaled_back(ring: splines.ClosedPoints, fit: splines.CurveFit, n_fine: int) -> SliceCurve:
+    """The fit at the points' own place and scale, with its figures and flags."""
     spread = np.linalg.svd(ring.points - ring.points.mean(axis=0), compute_uv=False)
     flat = bool(spread[1] <= splines.FLAT_SPREAD * spread[0])
-    if fit.smoothing == 0.0 and same_steps(fit.parameters):
-        fine = _even_matrix(len(ring.points)) @ fit.control
+    if fit.smoothing == 0.0 and has_even_steps(fit.parameters):
+        fine = _even_matrix(len(ring.points), n_fine) @ fit.control
     else:
-        fine = splines.closed_curve_points(fit.control, fit.knots, np.arange(FINE) / FINE)
-    star = not flat and bool(are_star_shaped((fine - area_centroid(fine))[None])[0])
+        fine = splines.closed_curve_points(fit.control, fit.knots, np.arange(n_fine) / n_fine)
+    is_star_shaped = not flat and bool(are_star_shaped((fine - area_centroid(fine))[None])[0])
     residual = 0.0
     if fit.smoothing > 0.0:
         off = ring.points - splines.closed_curve_points(fit.control, fit.knots, fit.parameters)
@@ -291,25 +324,25 @@ def _seen(ring: splines.ClosedPoints, fit: splines.CurveFit) -> SliceCurve:
         flags=splines.CurveFlags(
             degenerate=flat,
             uneven=bool(splines.gap_ratio(ring.points) > splines.UNEVEN_GAP_RATIO),
-            self_intersecting=not flat and not star and self_intersects(fine),
+            self_intersecting=not flat and not is_star_shaped and self_intersects(fine),
         ),
     )
-    return SliceCurve(curve, ring.middle + ring.size * fine, star)
+    return SliceCurve(curve, ring.middle + ring.size * fine, is_star_shaped)
 
 
 @lru_cache(maxsize=64)
-def _even_matrix(count: int) -> Floats:
-    """From the control points of even steps to the fine curve, (FINE, count)."""
+def _even_matrix(count: int, n_fine: int) -> Floats:
+    """Matrix (n_fine, count) from the control points at even steps to the fine curve."""
     knots = splines.closed_knots(np.arange(count) / count)
-    matrix = splines.closed_curve_points(np.eye(count), knots, np.arange(FINE) / FINE)
+    matrix = splines.closed_curve_points(np.eye(count), knots, np.arange(n_fine) / n_fine)
     matrix.setflags(write=False)
     return matrix
 
 
-def _through(points: Floats, turns: Floats) -> splines.CurveFit:
-    """The curve through all points; at even steps its system is solved by waves."""
+def _interpolated(points: Floats, turns: Floats) -> splines.CurveFit:
+    """The curve through all points; at even steps its system is solved by Fourier transform."""
     count = len(points)
-    if not same_steps(turns):
+    if not has_even_steps(turns):
         return splines.interpolate_closed(points, turns)
     waves = np.fft.rfft(points, axis=0)
     gain = (2.0 + np.cos(2.0 * np.pi * np.arange(len(waves)) / count)) / 3.0
@@ -325,60 +358,64 @@ def _through(points: Floats, turns: Floats) -> splines.CurveFit:
 
 
 def _length(fine: Floats) -> float:
-    """Of a closed polygon (n, 2)."""
+    """Perimeter of a closed polygon (n, 2)."""
     return float(np.linalg.norm(np.roll(fine, -1, axis=0) - fine, axis=1).sum())
 
 
 class DroppedContour(NamedTuple):
     """A contour that is not used."""
 
-    which: int  # Of the given contours
+    which: int  # number of the contour as it was given
     why: DropReason
-    height: float | None = None  # Its height, if it has one, m
-    off: float = 0.0  # By how much it contradicts its neighbours, root mean square, m, if so
-    # It is unlike them in its size alone, and whole: it may as well have touched what no other
-    # contour did, a neck or a groove, and nothing tells. It is left out, for a wrong contour costs
-    # more than a groove that is missed.
+    height: float | None = None  # [m], if it has one
+    off: float = 0.0  # root mean square difference from its neighbours' prediction [m], if wrong
+    # Whether it differs from its neighbours in size alone: it may have touched a neck or a groove
+    # that no other contour did. It is left out: a wrong contour costs more than a missed groove.
     may_be_feature: bool = False
 
 
-def drop_reasons(dropped: Sequence[DroppedContour]) -> str:
-    """Which contours are not used, and why, as one sentence of bearable length."""
-    told = "; ".join(f"contour {one.which}: {one.why}" for one in dropped[:SHOWN])
-    return told + (f"; and {len(dropped) - SHOWN} more" if len(dropped) > SHOWN else "")
+def drop_reasons(dropped: Sequence[DroppedContour], max_shown: int = 6) -> str:
+    """One sentence on the contours that are not used, and why; the first `max_shown` are named."""
+    reasons = [f"contour {contour.which}: {contour.why}" for contour in dropped[:max_shown]]
+    if len(dropped) > max_shown:
+        reasons.append(f"and {len(dropped) - max_shown} more")
+    return "; ".join(reasons)
 
 
 class SliceCurve(NamedTuple):
-    """A curve, and what it looks like."""
+    """A curve through the points of a contour."""
 
-    curve: splines.ClosedCurve  # Through the points
-    fine: Floats  # (FINE, 2), at even steps of its turn
-    star: bool  # Each ray from the middle of its area meets it once
+    curve: splines.ClosedCurve
+    fine: Floats  # (n_fine, 2), at even steps of its parameter
+    is_star_shaped: bool  # whether each ray from the centroid of its area meets it once
 
 
-def same_steps(parameters: Floats) -> bool:
+def has_even_steps(parameters: Floats) -> bool:
     """Whether parameters (m,) are at even steps."""
     return bool(np.array_equal(parameters, np.arange(len(parameters)) / len(parameters)))
 
 
 def are_star_shaped(away: Floats) -> Bools:
-    """Whether polygons (M, n, 2) are seen from the origin in one turn, always onwards."""
+    """Whether polygons (M, n, 2) run once counter-clockwise around the origin, never backwards."""
     rises = turn_between(away, np.roll(away, -1, axis=1))
     once = np.abs(rises.sum(axis=1) - 2.0 * np.pi) < 1.0
     return np.asarray(once & (rises > 0.0).all(axis=1))
 
 
-def are_nearly_star_shaped(away: Floats) -> Bools:
-    """Whether they go around the origin once and hardly ever back."""
+def are_nearly_star_shaped(away: Floats, max_back_angle: float = 0.1) -> Bools:
+    """Whether polygons (M, n, 2) run once around the origin, and back by at most an angle [rad].
+
+    The default for `max_back_angle` allows for noise.
+    """
     twice = np.concatenate([away, away], axis=1)
     rises = turn_between(twice, np.roll(twice, -1, axis=1))
     turned = np.cumsum(rises[:, :-1], axis=1)
     back = (np.maximum.accumulate(turned, axis=1) - turned).max(axis=1)
-    return np.asarray((turned[:, -1] > 3.0 * np.pi) & (back <= BACK))
+    return np.asarray((turned[:, -1] > 3.0 * np.pi) & (back <= max_back_angle))
 
 
 def chord_places(fine: Floats, turns: Floats) -> Floats:
-    """Points (..., M, k, 2) of curves (M, n, 2) at turns (..., M, k), on chords of the curves."""
+    """Points (..., M, k, 2) at turns (..., M, k) of curves (M, n, 2), on the polygons' chords."""
     count = fine.shape[1]
     place = np.mod(turns, 1.0) * count
     first = place.astype(np.intp)
@@ -389,20 +426,20 @@ def chord_places(fine: Floats, turns: Floats) -> Floats:
 
 
 def curve_places(curves: Sequence[splines.ClosedCurve], turns: Floats) -> Floats:
-    """Points (M, k, 2) of M curves at turns (M, k); those of even steps, as most have, together."""
-    even = [curve.smoothing == 0.0 and same_steps(curve.parameters) for curve in curves]
-    found = np.empty((*turns.shape, 2))
+    """Points (M, k, 2) of M curves at turns (M, k); curves of even steps are evaluated together."""
+    even = [curve.smoothing == 0.0 and has_even_steps(curve.parameters) for curve in curves]
+    points = np.empty((*turns.shape, 2))
     if any(even):
-        together = [curve for curve, one in zip(curves, even, strict=True) if one]
-        found[even] = _even_places(together, turns[even])
-    for row, (curve, one) in enumerate(zip(curves, even, strict=True)):
-        if not one:
-            inside = np.mod(turns[row], 1.0)
-            found[row] = splines.closed_curve_points(curve.control, curve.knots, inside)
-    return found
+        together = [curve for curve, is_even in zip(curves, even, strict=True) if is_even]
+        points[even] = _even_places(together, turns[even])
+    for row in np.flatnonzero(~np.array(even)).tolist():
+        curve, inside = curves[row], np.mod(turns[row], 1.0)
+        points[row] = splines.closed_curve_points(curve.control, curve.knots, inside)
+    return points
 
 
 def _even_places(curves: Sequence[splines.ClosedCurve], turns: Floats) -> Floats:
+    """Points (M, k, 2) at turns (M, k) of uniform cubic curves, by their basis functions."""
     counts = np.array([len(curve.control) for curve in curves])
     begin = (np.cumsum(counts) - counts)[:, None]
     control = np.concatenate([curve.control for curve in curves])

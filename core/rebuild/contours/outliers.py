@@ -1,11 +1,12 @@
 """Single points of contours that are outliers.
 
-One deviates from its neighbours along the contour where the contours beside it do not: what those
-do there as well, a corner, a groove, a lobe, is the object's.
+An outlier deviates from its neighbours along the contour where adjacent contours do not: a corner,
+a groove or a lobe that they have as well belongs to the object.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -13,225 +14,277 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from palpate.core.arrays import PROBABLE_ERROR, Bools, Floats
-from palpate.core.rebuild.contours.curves import ContourCurve, chord_places, same_steps
+from palpate.core.rebuild.contours.curves import ContourCurve, chord_places, has_even_steps
 from palpate.core.rebuild.contours.neighbours import lagrange_weights
 
-# Deviations of the points' noise from which on one is off; and, of what the contours beside it are
-# off there, for they see a corner at other points,
-STICKS_OUT, SHARED = 4.5, 0.3
-LEAST = 5e-4  # and of the perimeter: less does little harm
-MOST = 0.15  # Share of a contour's points beyond which it is the contour that is like that
-LEAST_POINTS = 12  # Contours of fewer points are not judged: seven points in a row tell of one
-ROUNDS = 5  # Of looking, for what sticks out most hides what is beside it
-SLACK = 0.3  # Of uneven steps: what a point may be off along the contour, others being mended
-SWEEPS = 3  # Of mending, for outliers side by side
-REACH = 3  # Neighbours on either side that tell of a point, and that it spoils
-SAMPLES = 128  # Places around at which curves are compared
-NEAREST = 4  # Curves beside one that tell what is the object's
-WINDOW = 1.5  # Steps on either side within which a curve may have the same corner
-PAIRS = ((2, 4), (1, 5), (0, 6), (2, 1), (4, 5))  # Of seven in a row: lines to the fourth
-CUBIC = (1, 2, 4, 5)  # Neighbours that a cubic passes
+# Seven consecutive points predict the middle one: five lines through pairs of them are extended to
+# it, and a cubic passes two on each side.
+N_EACH_SIDE = 3
+LINE_PAIRS = ((2, 4), (1, 5), (0, 6), (2, 1), (4, 5))
+CUBIC_POINTS = (1, 2, 4, 5)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OutlierSettings:
+    """When a single point deviates too much from its neighbours along the contour."""
+
+    min_sigmas: float = 4.5  # standard deviations of the points' noise
+    shared_fraction: float = 0.3  # of adjacent contours' deviation there: they sample corners apart
+    min_deviation: float = 5e-4  # fraction of the perimeter: less does little harm
+    max_share: float = 0.15  # of a contour's points; beyond it the contour itself has this shape
+    min_points: int = 12  # contours of fewer points are not judged
+    n_rounds: int = 5  # of search: the largest outlier hides those beside it
+    uneven_slack: float = 0.3  # fraction of uneven steps, allowed along the contour after repair
+    n_repair_sweeps: int = 3  # for outliers side by side
+    n_samples: int = 128  # places around at which contours are compared
+    n_contours: int = 4  # adjacent contours that are compared
+    window: float = 1.5  # [steps] on either side, within which a corner counts as the same
 
 
 class PointOutliers(NamedTuple):
-    """What was found, for each of the curves."""
+    """Outliers of each curve, and its points without them."""
 
-    masks: tuple[Bools, ...]  # (n,): which points are wrong
-    mended: tuple[Floats, ...]  # (n, 2): with these where neighbours and contours beside tell
+    masks: tuple[Bools, ...]  # (n,): whether each point is an outlier
+    mended: tuple[Floats, ...]  # (n, 2): outliers are moved to where they are predicted
 
 
 class _Points(NamedTuple):
     """All points of all curves in a row."""
 
     points: Floats  # (N, 2), as they were given
-    owner: NDArray[np.intp]
-    turns: Floats
-    near: NDArray[np.intp]  # (N, 7): each with three neighbours on either side
-    ahead: Floats  # (N, 7): how far ahead, in turns, these are
-    judged: Bools
-    slack: Floats  # (N,): the step along the contour, where steps are uneven; else 0
+    owner: NDArray[np.intp]  # number of each point's curve
+    turns: Floats  # (N,): parameters on the curves
+    near: NDArray[np.intp]  # (N, 7): each point with three neighbours on either side
+    ahead: Floats  # (N, 7) [turns]: of the point
+    judged: Bools  # whether the curve has enough points
+    slack: Floats  # (N,): mean step along the contour, where steps are uneven; else 0
 
 
-def point_outliers(loops: tuple[ContourCurve, ...], places: Floats) -> PointOutliers:
-    """Find single points that stick out of M contours, starting from those that are known.
+def point_outliers(
+    loops: tuple[ContourCurve, ...], places: Floats, settings: OutlierSettings = OutlierSettings()
+) -> PointOutliers:
+    """Find single points that deviate from M contours; those that are off in height are known.
 
-    `places` (M, K) are turns of their curves that correspond, rising, over less than one turn.
+    `places` (M, K) are parameters of the curves that correspond, rising, over less than one turn.
     """
     known = np.concatenate([loop.off_height for loop in loops])
-    all_ = _in_a_row(loops)
-    steps = np.array([1.0 / len(loop.points) for loop in loops])
-    sizes = np.array([loop.perimeter for loop in loops])
-    least = LEAST * sizes[all_.owner]
-    off = neighbour_deviation(all_.points[all_.near], all_.ahead).off
-    alone = _over(off, _allowed(off, np.zeros(len(off)), least, all_))
+    row = _in_a_row(loops, settings.min_points)
+    least = settings.min_deviation * np.array([loop.perimeter for loop in loops])[row.owner]
+    off = neighbour_deviation(row.points[row.near], row.ahead).off
+    alone = _excess(off, _allowed(off, np.zeros(len(off)), least, row, settings))
     if not known.any() and not (alone > 1.0).any():
         untouched = tuple(loop.points for loop in loops)
-        return PointOutliers(tuple(np.zeros(len(one), np.bool_) for one in untouched), untouched)
-    beside_them = _shared_deviation(loops, places, steps, sizes, all_)
-    common, bent, nearby = beside_them.common, beside_them.bent, beside_them.nearby
-    mended = np.concatenate([loop.points for loop in loops])
-    outlier = np.concatenate([loop.outlier for loop in loops])
-    for number in range(ROUNDS):
-        course = neighbour_deviation(mended[all_.near], all_.ahead)
-        off = course.off - common
-        over = _over(off, _allowed(off, nearby, least, all_))
-        new = (over > 1.0) & (over >= over[all_.near].max(axis=1))
-        new = (known & ~outlier) if number == 0 and (known & ~outlier).any() else new & ~outlier
-        if not new.any():
-            break
-        outlier |= new
-        mended[new] = course.predicted(bent)[new]
-    beside = mended[all_.near]  # Those stay that are off once their neighbours are mended
-    off = neighbour_deviation(beside, all_.ahead).off - common
-    allowed = _allowed(off, nearby, least, all_)
-    allowed[:, 0] += SLACK * all_.slack
-    beside[:, REACH] = all_.points
-    still = _over(neighbour_deviation(beside, all_.ahead).off - common, allowed) > 1.0
-    outlier &= (still & ~beside_them.shared(outlier, all_.owner)) | known
-    counts = np.bincount(all_.owner, outlier, len(loops)) * steps
-    outlier &= (counts <= MOST)[all_.owner]
-    mended = np.where(outlier[:, None], mended, all_.points)
-    for _ in range(SWEEPS if outlier.any() else 0):
-        course = neighbour_deviation(mended[all_.near], all_.ahead)
-        mended[outlier] = course.predicted(bent)[outlier]
+        return PointOutliers(
+            tuple(np.zeros(len(points), np.bool_) for points in untouched), untouched
+        )
+    shared = _shared_deviation(loops, places, row, settings)
+    outlier, mended = _candidates(loops, row, shared, least, known, settings)
+    still_off = _is_off_beside_mended(row, shared, mended, least, settings)
+    outlier &= (still_off & ~shared.by_half(outlier, row.owner)) | known
+    steps = np.array([1.0 / len(loop.points) for loop in loops])
+    shares = np.bincount(row.owner, outlier, len(loops)) * steps
+    outlier &= (shares <= settings.max_share)[row.owner]
+    mended = np.where(outlier[:, None], mended, row.points)
+    for _ in range(settings.n_repair_sweeps if outlier.any() else 0):
+        deviation = neighbour_deviation(mended[row.near], row.ahead)
+        mended[outlier] = deviation.predicted(shared.bend)[outlier]
     ends = np.cumsum([len(loop.points) for loop in loops])[:-1]
     return PointOutliers(tuple(np.split(outlier, ends)), tuple(np.split(mended, ends)))
 
 
-def _in_a_row(loops: tuple[ContourCurve, ...]) -> _Points:
+def _in_a_row(loops: tuple[ContourCurve, ...], min_points: int) -> _Points:
     counts = np.array([len(loop.points) for loop in loops])
     owner = np.repeat(np.arange(len(loops)), counts)
     begin = (np.cumsum(counts) - counts)[owner]
-    reach = np.arange(-REACH, REACH + 1)
+    steps = np.arange(-N_EACH_SIDE, N_EACH_SIDE + 1)
     place = np.arange(counts.sum()) - begin
-    near = begin[:, None] + (place[:, None] + reach) % counts[owner][:, None]
+    near = begin[:, None] + (place[:, None] + steps) % counts[owner][:, None]
     turns = np.concatenate([loop.curve.parameters for loop in loops])
     away = turns[near] - turns[:, None]
-    before, after = away[:, :REACH], away[:, REACH + 1 :]
+    before, after = away[:, :N_EACH_SIDE], away[:, N_EACH_SIDE + 1 :]
     ahead = np.hstack([before - (before > 0.0), 0.0 * away[:, :1], after + (after < 0.0)])
-    judged = counts[owner] >= LEAST_POINTS
-    ahead = np.where(judged[:, None], ahead, reach)  # Some of few are on both sides: not judged
+    judged = counts[owner] >= min_points
+    ahead = np.where(judged[:, None], ahead, steps)  # few points may be neighbours on both sides
     slack = [
-        0.0 if same_steps(loop.curve.parameters) else loop.perimeter / len(loop.points)
+        0.0 if has_even_steps(loop.curve.parameters) else loop.perimeter / len(loop.points)
         for loop in loops
     ]
     points = np.concatenate([loop.as_given for loop in loops])
     return _Points(points, owner, turns, near, ahead, judged, np.array(slack)[owner])
 
 
-def _shared_deviation(
-    loops: tuple[ContourCurve, ...], places: Floats, steps: Floats, sizes: Floats, all_: _Points
-) -> _Beside:
-    count = len(loops)
-    around = np.linspace(0.0, places.shape[1], SAMPLES, endpoint=False)
-    wound = np.column_stack([places, places[:, :1] + 1.0])
-    turns = np.stack([np.interp(around, np.arange(wound.shape[1]), row) for row in wound])
-    ahead = steps[:, None, None] * np.arange(-REACH, REACH + 1)
-    taps = (turns[..., None] + ahead).reshape(count, -1)
-    fine = np.stack([loop.fine for loop in loops])
-    beside = chord_places(fine, taps).reshape(-1, 2 * REACH + 1, 2)
-    even = np.broadcast_to(np.arange(-REACH, REACH + 1.0), beside.shape[:2])
-    found = neighbour_deviation(beside, even)
-    parts = (part.reshape(count, SAMPLES, 2) for part in (found.off, found.bend))
-    off, bend = (part / sizes[:, None, None] for part in parts)
-    far = np.hypot(off[..., 0], off[..., 1])
-    window = int(np.ceil(WINDOW * SAMPLES * float(np.median(steps))))
-    most = _largest_near(far, window)
-    if count == 1:
-        nobody, zero = np.zeros((1, 0), np.intp), 0.0 * all_.points
-        return _Beside(zero, zero, 0.0 * all_.turns, nobody, np.zeros(len(zero), np.intp), window)
-    away = np.abs(np.subtract.outer(np.arange(count), np.arange(count))).astype(np.float64)
-    np.fill_diagonal(away, np.inf)
-    near = np.argsort(away, axis=1, kind="stable")[:, : min(NEAREST, count - 1)]
-    common, bent = (np.median(part[near], axis=1) * sizes[:, None, None] for part in (off, bend))
-    nearby = np.median(most[near], axis=1) * sizes[:, None]
-    column = np.empty(len(all_.turns), np.intp)
-    for row, begins in enumerate(turns):
-        mine = all_.owner == row
-        share = np.interp(
-            np.mod(all_.turns[mine] - begins[0], 1.0),
-            np.append(begins - begins[0], 1.0),
-            np.arange(SAMPLES + 1),
-        )
-        column[mine] = np.rint(share).astype(np.intp) % SAMPLES
-    at = all_.owner, column
-    return _Beside(common[at], bent[at], nearby[at], near, column, window)
+def _candidates(
+    loops: tuple[ContourCurve, ...],
+    row: _Points,
+    shared: _Shared,
+    least: Floats,
+    known: Bools,
+    settings: OutlierSettings,
+) -> tuple[Bools, Floats]:
+    """Points (N,) that deviate, the largest ones of each neighbourhood first; and mended points."""
+    mended = np.concatenate([loop.points for loop in loops])
+    outlier = np.concatenate([loop.outlier for loop in loops])
+    for number in range(settings.n_rounds):
+        deviation = neighbour_deviation(mended[row.near], row.ahead)
+        off = deviation.off - shared.off
+        excess = _excess(off, _allowed(off, shared.nearby, least, row, settings))
+        new = (excess > 1.0) & (excess >= excess[row.near].max(axis=1)) & ~outlier
+        if number == 0 and (known & ~outlier).any():
+            new = known & ~outlier
+        if not new.any():
+            break
+        outlier |= new
+        mended[new] = deviation.predicted(shared.bend)[new]
+    return outlier, mended
 
 
-class _Beside(NamedTuple):
-    """What the curves beside each point's do there."""
+def _is_off_beside_mended(
+    row: _Points, shared: _Shared, mended: Floats, least: Floats, settings: OutlierSettings
+) -> Bools:
+    """Points (N,) that still deviate, as they were given, from their mended neighbours."""
+    beside = mended[row.near]
+    off = neighbour_deviation(beside, row.ahead).off - shared.off
+    allowed = _allowed(off, shared.nearby, least, row, settings)
+    allowed[:, 0] += settings.uneven_slack * row.slack
+    beside[:, N_EACH_SIDE] = row.points
+    off = neighbour_deviation(beside, row.ahead).off - shared.off
+    return np.asarray(_excess(off, allowed) > 1.0)
 
-    common: Floats  # (N, 2): how far they are off,
-    bent: Floats  # (N, 2): and off the cubic,
-    nearby: Floats  # (N,): and at most
-    near: NDArray[np.intp]  # (M, k): which curves are beside each
-    column: NDArray[np.intp]  # (N,): place around of each point, of `SAMPLES`
-    window: int  # Of these on either side that count as the same place
 
-    def shared(self, outlier: Bools, owner: NDArray[np.intp]) -> Bools:
-        """Of which points (N,) half of the curves beside have outliers there: it is the object."""
-        marked = np.zeros((len(self.near), SAMPLES))
+class _Shared(NamedTuple):
+    """Deviations of the contours adjacent to each point's, at the same place around."""
+
+    off: Floats  # (N, 2): median deviation
+    bend: Floats  # (N, 2): median deviation from the cubic
+    nearby: Floats  # (N,): median of the largest deviation within the window
+    adjacent: NDArray[np.intp]  # (M, k): contours adjacent to each
+    column: NDArray[np.intp]  # (N,): sample at each point's place around
+    n_samples: int
+    window: int  # [samples] on either side that count as the same place
+
+    def by_half(self, outlier: Bools, owner: NDArray[np.intp]) -> Bools:
+        """Points (N,) at whose place half of the adjacent contours have outliers, too."""
+        marked = np.zeros((len(self.adjacent), self.n_samples))
         marked[owner[outlier], self.column[outlier]] = 1.0
         marked = _largest_near(marked, self.window)
-        if not self.near.shape[1]:
+        if not self.adjacent.shape[1]:
             return np.zeros(len(owner), np.bool_)
-        return np.asarray((marked[self.near].mean(axis=1) >= 0.5)[owner, self.column])
+        return np.asarray((marked[self.adjacent].mean(axis=1) >= 0.5)[owner, self.column])
+
+
+def _shared_deviation(
+    loops: tuple[ContourCurve, ...], places: Floats, row: _Points, settings: OutlierSettings
+) -> _Shared:
+    count, n_samples = len(loops), settings.n_samples
+    steps = np.array([1.0 / len(loop.points) for loop in loops])
+    sizes = np.array([loop.perimeter for loop in loops])
+    around = np.linspace(0.0, places.shape[1], n_samples, endpoint=False)
+    wound = np.column_stack([places, places[:, :1] + 1.0])
+    turns = np.stack([np.interp(around, np.arange(wound.shape[1]), line) for line in wound])
+    off, bend = (part / sizes[:, None, None] for part in _sampled_deviation(loops, turns, steps))
+    window = int(np.ceil(settings.window * n_samples * float(np.median(steps))))
+    largest = _largest_near(np.hypot(off[..., 0], off[..., 1]), window)
+    if count == 1:
+        zero, column = 0.0 * row.points, np.zeros(len(row.points), np.intp)
+        adjacent = np.zeros((1, 0), np.intp)
+        return _Shared(zero, zero, 0.0 * row.turns, adjacent, column, n_samples, window)
+    away = np.abs(np.subtract.outer(np.arange(count), np.arange(count))).astype(np.float64)
+    np.fill_diagonal(away, np.inf)
+    order = np.argsort(away, axis=1, kind="stable")
+    adjacent = order[:, : min(settings.n_contours, count - 1)]
+    off, bend = (np.median(part[adjacent], axis=1) * sizes[:, None, None] for part in (off, bend))
+    nearby = np.median(largest[adjacent], axis=1) * sizes[:, None]
+    column = _sample_of(row, turns)
+    at = row.owner, column
+    return _Shared(off[at], bend[at], nearby[at], adjacent, column, n_samples, window)
+
+
+def _sampled_deviation(
+    loops: tuple[ContourCurve, ...], turns: Floats, steps: Floats
+) -> tuple[Floats, Floats]:
+    """Deviations of curves (M, s, 2) at turns (M, s) from neighbours and cubics at even steps."""
+    stencil = np.arange(-N_EACH_SIDE, N_EACH_SIDE + 1)
+    taps = (turns[..., None] + steps[:, None, None] * stencil).reshape(len(loops), -1)
+    fine = np.stack([loop.fine for loop in loops])
+    beside = chord_places(fine, taps).reshape(-1, len(stencil), 2)
+    even = np.broadcast_to(stencil.astype(np.float64), beside.shape[:2])
+    deviation = neighbour_deviation(beside, even)
+    return deviation.off.reshape(*turns.shape, 2), deviation.bend.reshape(*turns.shape, 2)
+
+
+def _sample_of(row: _Points, turns: Floats) -> NDArray[np.intp]:
+    """The sample (N,) nearest to each point, of samples at turns (M, s) on the curves."""
+    n_samples = turns.shape[1]
+    column = np.empty(len(row.turns), np.intp)
+    for number, begins in enumerate(turns):
+        own = row.owner == number
+        share = np.interp(
+            np.mod(row.turns[own] - begins[0], 1.0),
+            np.append(begins - begins[0], 1.0),
+            np.arange(n_samples + 1),
+        )
+        column[own] = np.rint(share).astype(np.intp) % n_samples
+    return column
 
 
 def _largest_near(values: Floats, window: int) -> Floats:
-    """The largest of so many on either side around closed rows (m, n)."""
+    """Largest values within `window` columns on either side, of closed rows (m, n)."""
     wound = np.pad(values, ((0, 0), (window, window)), mode="wrap")
     return np.asarray(sliding_window_view(wound, 2 * window + 1, axis=1).max(axis=2))
 
 
-def _allowed(off: Floats, shared: Floats, least: Floats, all_: _Points) -> Floats:
-    """How far good points may be off, along and across, (N, 2), by how far they are, (N, 2)."""
+def _allowed(
+    off: Floats, shared: Floats, least: Floats, row: _Points, settings: OutlierSettings
+) -> Floats:
+    """Largest deviations of good points, along and across (N, 2), from all deviations (N, 2)."""
     size = np.abs(off)
-    ends = np.flatnonzero(np.diff(all_.owner)) + 1
+    ends = np.flatnonzero(np.diff(row.owner)) + 1
     medians = np.array([np.median(part, axis=0) for part in np.split(size, ends)])
-    scale = medians[all_.owner]
-    if all_.judged.any():
-        scale = np.maximum(scale, np.median(size[all_.judged], axis=0))
-    allowed: Floats = STICKS_OUT / PROBABLE_ERROR * scale + (SHARED * shared + least)[:, None]
-    return np.where(all_.judged[:, None], allowed, np.inf)
+    scale = medians[row.owner]
+    if row.judged.any():
+        scale = np.maximum(scale, np.median(size[row.judged], axis=0))
+    floor = settings.shared_fraction * shared + least
+    allowed: Floats = settings.min_sigmas / PROBABLE_ERROR * scale + floor[:, None]
+    return np.where(row.judged[:, None], allowed, np.inf)
 
 
 def neighbour_deviation(beside: Floats, ahead: Floats) -> NeighbourDeviation:
-    """How far points are off what their neighbours predict of them.
+    """Deviations of points from the predictions of their neighbours.
 
     `beside` (N, 7, 2) is each point in the middle of its neighbours, which are `ahead` (N, 7) of
-    it, in turns, rising. They predict it five times, and the median counts: one wrong neighbour
-    spoils two of the five at most.
+    it, in turns, rising. The median of five predictions counts: a single wrong neighbour spoils at
+    most two of them.
     """
-    point = beside[:, REACH]
+    point = beside[:, N_EACH_SIDE]
     beside = beside - point[:, None]
-    along = beside[:, REACH + 2] - beside[:, REACH - 2]
+    along = beside[:, N_EACH_SIDE + 2] - beside[:, N_EACH_SIDE - 2]
     length = np.hypot(along[:, 0], along[:, 1])
     along = along / np.where(length > 0.0, length, 1.0)[:, None]
     frame = np.stack([along, np.stack([along[:, 1], -along[:, 0]], axis=1)], axis=1)
     in_frame = np.einsum("nij,nkj->ink", frame, beside)
-    one, two = np.array(PAIRS).T
-    share = ahead[:, one] / (ahead[:, one] - ahead[:, two])
-    lines = (own[:, one] + share * (own[:, two] - own[:, one]) for own in in_frame)
-    off = [-np.sort(five, axis=1)[:, 2] for five in lines]  # Their medians
-    cubic = np.einsum("nk,nkd->nd", lagrange_weights(ahead[:, CUBIC]), beside[:, CUBIC])
+    first, second = np.array(LINE_PAIRS).T
+    share = ahead[:, first] / (ahead[:, first] - ahead[:, second])
+    lines = (axis[:, first] + share * (axis[:, second] - axis[:, first]) for axis in in_frame)
+    off = [-np.sort(predictions, axis=1)[:, len(LINE_PAIRS) // 2] for predictions in lines]
+    weights = lagrange_weights(ahead[:, CUBIC_POINTS])
+    cubic = np.einsum("nk,nkd->nd", weights, beside[:, CUBIC_POINTS])
     bend = -np.einsum("nij,nj->ni", frame, cubic)
     return NeighbourDeviation(np.stack(off, axis=1), bend, frame, point)
 
 
-def _over(off: Floats, allowed: Floats) -> Floats:
-    """How many times farther than allowed points are off, (N,)."""
+def _excess(off: Floats, allowed: Floats) -> Floats:
+    """Deviations over the allowed ones, the larger of both axes, (N,)."""
     return np.asarray((np.abs(off) / allowed).max(axis=1))
 
 
 class NeighbourDeviation(NamedTuple):
-    """Points and what their neighbours predict of them."""
+    """Deviations of points from the predictions of their neighbours."""
 
-    off: Floats  # (N, 2): how far each is off, along and across, by the median of several guesses
-    bend: Floats  # (N, 2): how far each is off the cubic through two neighbours on either side
+    off: Floats  # (N, 2): along and across, by the median of several predictions
+    bend: Floats  # (N, 2): from the cubic through two neighbours on either side
     frame: Floats  # (N, 2, 2): unit vectors along and across
     points: Floats  # (N, 2)
 
     def predicted(self, bend: Floats) -> Floats:
-        """Where they should be if they ought to be off the cubic by as much, (N, 2)."""
+        """Where the points (N, 2) are, if they deviate from the cubic by `bend` (N, 2)."""
         return np.asarray(self.points + np.einsum("ni,nij->nj", bend - self.bend, self.frame))

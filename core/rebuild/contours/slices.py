@@ -1,9 +1,10 @@
-"""Contours of any origin as a stack of closed curves, upwards, and which places belong together.
+"""Contours of any origin as a stack of closed curves, upwards, and their corresponding places.
 
-For that (Fung, 1999, 4.2) there are candidates: the least twist (circular correlation by Fourier
-transform), signatures (the distance from the middle along the contour, followed through the stack
-by dynamic programming, Bellman, 1957: the least twist of a nearly round contour follows nothing,
-for the circle in it outweighs its lobes), a ray along x, and azimuths. Leaving slices out decides.
+Correspondences (Fung, 1999, 4.2) are found by several methods: least twist (circular correlation by
+Fourier transform), signatures (distance from the middle along the contour, followed through the
+stack by dynamic programming, Bellman, 1957), a ray along x, and azimuths. The least twist of a
+nearly round contour does not follow its lobes, for its circle outweighs them; signatures do.
+Leave-one-out prediction of slices selects the method.
 """
 
 from __future__ import annotations
@@ -29,33 +30,44 @@ from palpate.core.rebuild.contours.neighbours import neighbour_weights
 from palpate.core.splines import ClosedCurve
 from palpate.reprs import readable
 
-SAME_HEIGHT = 1e-3  # Of the mean spacing: contours at heights nearer to each other are one
-NOT_APART = 1e-9  # Of a contour's perimeter: heights nearer to each other differ by rounding
-CERTAIN = 3.0  # Standard errors of a mean height within which two contours may be at the same one
-TILTED = 0.25  # Of the distance to the next slice: a contour that sways farther is not in one plane
-TILTED_ALONE = 0.02  # Of the perimeter, where there is no other slice
-# Arrays with a row for each slice.
-EACH_SLICE = (
+# Fields of `Slices` that are arrays with a row for each slice.
+SLICE_ARRAYS = (
     *("heights", "middles", "perimeter", "fine", "star", "self_intersecting"),
     *("tilt", "tilted", "rows"),
 )
-ALIKE = 0.02  # Of the perimeter: curves that are apart by less, root mean square, are one curve
-EACH = 8  # Every so many places of a fine curve are compared with the other one
-CorrespondenceMethod = Literal["twist", "signature", "ray", "azimuth"]  # The last is for stars
-LEAST_COUNT = 3
-CLEARLY = 0.85  # Of the score of the least twist: another method must beat that to be taken
-WHOLE = 6  # Slices from which on only those count that have two neighbours on either side
-EXACT = 1e-6  # Of the perimeter: distances below are not told apart
-SCORED = 64  # Places around, at least, at which methods are compared
-LEAST_SLICES = 3  # With fewer no slice lies between others
-REACH = 0.17  # Turns on either side of the least twist within which lobes are sought
-LEAST_RELIEF = 0.02  # Deviation of a signature, over the mean distance, that tells nothing
-LEAST_ALIKE = 0.5  # Correlation of two signatures below which they are not of one shape
-CHANGE = 15.0  # Cost of a change of the step between pairs, squared, in turns, in correlation
-TWIST = 1.5  # What a departure from the least twist, squared, in turns, costs
-# Slices are set apart by so many times the width of everything, so that no place is nearest to a
-# point of another slice.
-APART = 10.0
+CorrespondenceMethod = Literal["twist", "signature", "ray", "azimuth"]  # the last for stars only
+MIN_PLACES = 3  # around a slice
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StackSettings:
+    """When two contours are at one height, repeat each other, or are not level."""
+
+    same_height: float = 1e-3  # fraction of the mean spacing of the contours
+    height_rounding: float = 1e-9  # fraction of the perimeter: heights nearer differ by rounding
+    height_sigmas: float = 3.0  # standard errors of the difference of two equal heights
+    max_repeat_distance: float = 0.02  # fraction of the perimeter, root mean square, of repetitions
+    repeat_stride: int = 8  # of the places of a fine curve that are compared with another curve
+    max_tilt: float = 0.25  # fraction of the distance to the next slice
+    max_tilt_alone: float = 0.02  # fraction of the perimeter, of a single slice
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MatchSettings:
+    """How methods of correspondence are compared, and how signatures follow lobes.
+
+    Costs are in units of the correlation of two signatures.
+    """
+
+    max_score_ratio: float = 0.85  # over the score of least twist, for another method to be used
+    min_inner_slices: int = 6  # from which on only slices with two neighbours each side count
+    min_distance: float = 1e-6  # fraction of the perimeter: smaller distances count as equal
+    n_scored: int = 64  # places around, at least, at which methods are compared
+    max_lobe_shift: float = 0.17  # [turns] from the least twist
+    min_relief: float = 0.02  # standard deviation of a signature, fraction of its mean
+    min_correlation: float = 0.5  # of two signatures of one shape
+    step_change_cost: float = 15.0  # [1/turn^2] of a change of the step between pairs
+    twist_cost: float = 1.5  # [1/turn^2] of a departure from the least twist
 
 
 @readable
@@ -63,26 +75,26 @@ APART = 10.0
 class Slices:
     """Closed curves at rising heights: M of them, at least one."""
 
-    heights: Floats  # (M,), rising: the mean z of each contour's points, m
-    middles: Floats  # (M, 2): centroids of their areas, m
-    perimeter: Floats  # (M,), m
-    fine: Floats  # (M, 512, 2): each curve at even steps of its turn, m
-    star: Bools  # (M,): each ray from the middle meets the curve once
-    self_intersecting: Bools  # (M,): the curve meets itself
-    tilt: Floats  # (M,): root mean square rise and fall of z around the contour, noise apart, m
-    tilted: Bools  # (M,): by more than a quarter of the distance to the next slice
-    loops: tuple[ContourCurve, ...]  # What they are made of
-    rows: Ints  # (M,): which of the given contours each one is
-    dropped: tuple[DroppedContour, ...]  # The given contours that are not among them, and why
+    heights: Floats  # (M,) [m], rising: mean z of each contour's points
+    middles: Floats  # (M, 2) [m]: centroids of their areas
+    perimeter: Floats  # (M,) [m]
+    fine: Floats  # (M, 512, 2) [m]: each curve at even steps of its parameter
+    star: Bools  # (M,): whether each ray from the centroid meets the curve once
+    self_intersecting: Bools  # (M,)
+    tilt: Floats  # (M,) [m]: root mean square rise and fall of z around the contour, without noise
+    tilted: Bools  # (M,): whether that reaches towards the next slice
+    loops: tuple[ContourCurve, ...]  # the contours of the slices
+    rows: Ints  # (M,): number of each slice's contour as it was given
+    dropped: tuple[DroppedContour, ...]  # contours that are not used, and why
 
     @property
     def curves(self) -> tuple[ClosedCurve, ...]:
-        """In the plane, counter-clockwise."""
+        """The curves of the slices in the plane, counter-clockwise."""
         return tuple(loop.curve for loop in self.loops)
 
     @property
     def points(self) -> tuple[Floats, ...]:
-        """(n, 2) each: what the curves were made from, in their order, m."""
+        """Points (n, 2) [m] of each slice, in the order of its curve."""
         return tuple(loop.points for loop in self.loops)
 
     def without(
@@ -92,10 +104,10 @@ class Slices:
         off: Floats | None = None,
         may_be_feature: Bools | None = None,
     ) -> Slices:
-        """The slices but those that are bad, (M,), for a reason.
+        """The slices without the bad ones, (M,), which are dropped for a reason.
 
-        What they are off by and whether they may be right, (M,) each, are for `DroppedContour`.
-        Raises ValueError if there are not as many as slices, or none stays.
+        `off` and `may_be_feature` (M,) are stored in each `DroppedContour`. Raises ValueError if
+        `bad` has another length, or no slice is left.
         """
         if bad.shape != self.heights.shape or bad.all():
             raise ValueError(
@@ -104,61 +116,72 @@ class Slices:
         stay = np.flatnonzero(~bad)
         off = np.zeros(len(bad)) if off is None else off
         may_be_feature = np.zeros(len(bad), np.bool_) if may_be_feature is None else may_be_feature
-        out = (each[bad].tolist() for each in (self.rows, self.heights, off, may_be_feature))
-        told = zip(*out, strict=True)
-        left = [DroppedContour(which, why, height, far, may) for which, height, far, may in told]
-        rows = {name: getattr(self, name)[stay] for name in EACH_SLICE}
-        rows |= {"dropped": tuple(sorted([*self.dropped, *left]))}
+        columns = (self.rows, self.heights, off, may_be_feature)
+        removed = [
+            DroppedContour(which, why, *figures)
+            for which, *figures in zip(*(column[bad].tolist() for column in columns), strict=True)
+        ]
+        rows = {name: getattr(self, name)[stay] for name in SLICE_ARRAYS}
+        rows |= {"dropped": tuple(sorted([*self.dropped, *removed]))}
         return replace(self, loops=tuple(self.loops[row] for row in stay), **rows)
 
 
-def stack_curves(given: Sequence[ContourCurve | DroppedContour]) -> Slices:
-    """Put curves in order; ValueError if there is none.
+def stack_curves(
+    contours: Sequence[ContourCurve | DroppedContour], settings: StackSettings = StackSettings()
+) -> Slices:
+    """Sort curves by height; ValueError if there is none.
 
-    Of contours at one height one stays: the better of two that repeat each other or cross, the
-    outer one of nested ones, the larger of two that lie side by side.
+    Of two contours at one height one is kept: the better of two that repeat each other or cross,
+    the outer of two nested ones, the larger of two side by side.
     """
-    dropped = [one for one in given if isinstance(one, DroppedContour)]
-    loops = [one for one in given if isinstance(one, ContourCurve)]
+    dropped = [contour for contour in contours if isinstance(contour, DroppedContour)]
+    loops = [contour for contour in contours if isinstance(contour, ContourCurve)]
     if not loops:
-        found = drop_reasons(dropped) or "none"
-        raise ValueError(f"contours must hold at least one of 3 points around an area, got {found}")
-    # Ties are decided by what the contours are like, for the order in which they came must not.
-    loops.sort(key=lambda one: (one.height, one.perimeter, len(one.points), float(one.fine[0, 0])))
-    loops, rivals = _one_at_each_height(loops)
-    return restack(loops, tuple(sorted([*dropped, *rivals])))
+        reasons = drop_reasons(dropped) or "none"
+        raise ValueError(
+            f"contours must hold at least one of 3 points around an area, got {reasons}"
+        )
+    # Ties are decided by properties of the contours, so that the given order has no effect.
+    loops.sort(
+        key=lambda loop: (loop.height, loop.perimeter, len(loop.points), float(loop.fine[0, 0]))
+    )
+    loops, duplicates = _one_at_each_height(loops, settings)
+    return restack(loops, tuple(sorted([*dropped, *duplicates])), settings)
 
 
 def _one_at_each_height(
-    loops: list[ContourCurve],
+    loops: list[ContourCurve], settings: StackSettings
 ) -> tuple[list[ContourCurve], list[DroppedContour]]:
-    """Those of rising curves that stay, no two at one height, and the others."""
+    """Rising curves, no two at one height, and the ones that were dropped for that."""
     spacing = (loops[-1].height - loops[0].height) / max(len(loops) - 1, 1)
     kept, dropped = loops[:1], []
     for loop in loops[1:]:
         last = kept[-1]
-        near = CERTAIN * float(np.hypot(last.error, loop.error)) + SAME_HEIGHT * spacing
-        if loop.height - last.height > max(near, NOT_APART * loop.perimeter):
+        near = settings.height_sigmas * float(np.hypot(last.error, loop.error))
+        near += settings.same_height * spacing
+        if loop.height - last.height > max(near, settings.height_rounding * loop.perimeter):
             kept.append(loop)
             continue
-        worse, why = duplicate_of_two(last, loop)
+        worse, why = duplicate_of_two(last, loop, settings)
         dropped.append(DroppedContour(worse.which, why, worse.height))
         if worse is last:
             kept[-1] = loop
     return kept, dropped
 
 
-def duplicate_of_two(first: ContourCurve, second: ContourCurve) -> tuple[ContourCurve, DropReason]:
-    """Which one of two curves at one height to drop, and why."""
+def duplicate_of_two(
+    first: ContourCurve, second: ContourCurve, settings: StackSettings
+) -> tuple[ContourCurve, DropReason]:
+    """Which of two curves at one height to drop, and why."""
 
-    def worth(loop: ContourCurve) -> tuple[bool, bool, int]:
+    def quality(loop: ContourCurve) -> tuple[bool, bool, int]:
         flags = loop.curve.flags
         return not flags.self_intersecting, not flags.uneven, len(loop.points)
 
     smaller, larger = sorted((first, second), key=lambda loop: abs(geometry.signed_area(loop.fine)))
-    worse = min((second, first), key=worth)
-    off = geometry.edge_distance(larger.fine, smaller.fine[::EACH])
-    if float(np.sqrt((off**2).mean())) <= ALIKE * larger.perimeter:
+    worse = min((second, first), key=quality)
+    off = geometry.edge_distance(larger.fine, smaller.fine[:: settings.repeat_stride])
+    if float(np.sqrt((off**2).mean())) <= settings.max_repeat_distance * larger.perimeter:
         return worse, "repeats another at its height"
     inside = geometry.winding_number(larger.fine, smaller.fine) != 0
     if inside.all():
@@ -168,17 +191,21 @@ def duplicate_of_two(first: ContourCurve, second: ContourCurve) -> tuple[Contour
     return smaller, "beside another at its height"
 
 
-def restack(loops: Sequence[ContourCurve], dropped: tuple[DroppedContour, ...]) -> Slices:
-    """The stack of curves at rising heights, and of what was dropped before."""
+def restack(
+    loops: Sequence[ContourCurve],
+    dropped: tuple[DroppedContour, ...],
+    settings: StackSettings = StackSettings(),
+) -> Slices:
+    """The stack of curves at rising heights; `dropped` are the contours that are not used."""
     fine = np.stack([loop.fine for loop in loops])
     middles = geometry.area_centroids(fine)
     heights = np.array([loop.height for loop in loops])
     perimeter = np.array([loop.perimeter for loop in loops])
     tilt = np.array([loop.tilt for loop in loops])
-    allowed = TILTED_ALONE * perimeter
+    allowed = settings.max_tilt_alone * perimeter
     if len(loops) > 1:
         gaps = np.diff(heights)
-        allowed = TILTED * np.minimum(np.append(gaps, np.inf), np.append(np.inf, gaps))
+        allowed = settings.max_tilt * np.minimum(np.append(gaps, np.inf), np.append(np.inf, gaps))
     return Slices(
         heights=heights,
         middles=middles,
@@ -196,34 +223,38 @@ def restack(loops: Sequence[ContourCurve], dropped: tuple[DroppedContour, ...]) 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Correspondence:
-    """Places of M slices that belong together, K around each."""
+    """Corresponding places of M slices, K around each."""
 
-    grid: Floats  # (M, K, 2): place j of each slice belongs to place j of every other, m
-    places: Floats  # (M, K): the turns of these places on the slices' curves; they may exceed 1
-    turns: Floats  # (M,): those of the first places, from 0 to 1
-    method: CorrespondenceMethod  # How they were found
-    # Of each method that was tried: the distance between a slice's curve and the places that its
-    # neighbours predict for it, m; its mean around, then the geometric mean over slices, so that an
-    # object's step, which no method predicts, does not outweigh all others. Empty where fewer than
-    # 3 slices leave none between others.
+    grid: Floats  # (M, K, 2) [m]: place j of each slice corresponds to place j of all slices
+    places: Floats  # (M, K) [turns]: parameters of these places on the curves; they may exceed 1
+    turns: Floats  # (M,): parameters of the first places, from 0 to 1
+    method: CorrespondenceMethod
+    # Score [m] of each method that was tried: distance between a slice's curve and the places that
+    # its neighbours predict; its mean around, then the geometric mean over slices, so that a step
+    # of the object, which no method predicts, does not outweigh the other slices. Empty with fewer
+    # than 3 slices.
     scores: dict[CorrespondenceMethod, float]
 
 
 def match_slices(
-    slices: Slices, count: int, method: Literal["auto"] | CorrespondenceMethod = "auto"
+    slices: Slices,
+    count: int,
+    method: Literal["auto"] | CorrespondenceMethod = "auto",
+    settings: MatchSettings = MatchSettings(),
 ) -> Correspondence:
-    """Match slices place by place, at least 3 (`count`) around each.
+    """Match `count` places around each slice, at least 3, with those of the other slices.
 
     Methods: "twist": each slice begins where the surface between it and the next twists least.
     "signature": it begins so that lobes and corners follow each other. "ray": it begins at the ray
-    along x from its middle. In all of them equal turns of the curves correspond. "azimuth": equal
-    azimuths about the middles do (Fung, 1999, 4.2, step 5); of slices that are not star-shaped as
-    nearly as may be, by `azimuth_match`. "auto" leaves each slice out and predicts it from its
-    neighbours: the least twist, unless another method predicts clearly better; azimuths only if all
-    slices are star-shaped. Raises ValueError if the count is below 3 or the method unknown.
+    along x from its middle. In all three, equal parameters of the curves correspond. "azimuth":
+    equal azimuths about the middles correspond (Fung, 1999, 4.2, step 5); approximately so where a
+    slice is not star-shaped (`azimuth_match`). "auto" leaves each slice out and predicts it from
+    its neighbours: it is the least twist, unless another method predicts clearly better; azimuths
+    are tried only if all slices are star-shaped. Raises ValueError if the count is below 3 or the
+    method unknown.
     """
-    if count < LEAST_COUNT:
-        raise ValueError(f"count must be at least {LEAST_COUNT}, got {count}")
+    if count < MIN_PLACES:
+        raise ValueError(f"count must be at least {MIN_PLACES}, got {count}")
     if method != "auto" and method not in get_args(CorrespondenceMethod):
         words = ", ".join(get_args(CorrespondenceMethod))
         raise ValueError(f"method must be auto or one of {words}, got {method!r}")
@@ -232,41 +263,48 @@ def match_slices(
         methods = (method,)
     elif not slices.star.all():
         methods = methods[:-1]
-    places = _places(slices, count, methods)
+    places = _places(slices, count, methods, settings)
     scores: dict[CorrespondenceMethod, float] = {}
     best = 0
-    if len(slices.heights) >= LEAST_SLICES:
-        found = _scores(slices, places)
-        scores = dict(zip(methods, found.tolist(), strict=True))
-        nearest = int(found.argmin())
-        best = nearest if found[nearest] < CLEARLY * found[0] else 0
+    if len(slices.heights) > 2:  # so that a slice lies between others
+        values = _scores(slices, places, settings)
+        scores = dict(zip(methods, values.tolist(), strict=True))
+        lowest = int(values.argmin())
+        best = lowest if values[lowest] < settings.max_score_ratio * values[0] else 0
     grid, turns = curve_places(slices.curves, places[best]), np.mod(places[best, :, 0], 1.0)
     return Correspondence(grid, places[best], turns, methods[best], scores)
 
 
-def _places(slices: Slices, count: int, methods: tuple[CorrespondenceMethod, ...]) -> Floats:
-    """Turns (c, M, count) on the curves that belong together under each method."""
+def _places(
+    slices: Slices,
+    count: int,
+    methods: tuple[CorrespondenceMethod, ...],
+    settings: MatchSettings,
+) -> Floats:
+    """Parameters (c, M, count) on the curves that correspond under each of c methods."""
     shapes = slices.fine - slices.middles[:, None]
     rays = start_ray(shapes)
     steps = minimum_twist(shapes)
-    middle = len(shapes) // 2  # So that what is wrong in a step moves few slices
+    middle = len(shapes) // 2  # from where steps are summed: an error of a step moves few slices
     around = np.arange(count) / count
-    found: dict[CorrespondenceMethod, Callable[[], Floats]] = {
-        "twist": lambda: begin_turns(steps, middle, rays[middle])[:, None] + around,
-        "signature": lambda: (
-            begin_turns(follow_signatures(shapes, steps), middle, rays[middle])[:, None] + around
-        ),
+
+    def stepped(steps: Floats) -> Floats:
+        return begin_turns(steps, middle, rays[middle])[:, None] + around
+
+    turns_by: dict[CorrespondenceMethod, Callable[[], Floats]] = {
+        "twist": lambda: stepped(steps),
+        "signature": lambda: stepped(follow_signatures(shapes, steps, settings)),
         "ray": lambda: rays[:, None] + around,
-        "azimuth": lambda: _azimuths(slices, around),
+        "azimuth": lambda: _azimuth_turns(slices, around),
     }
-    return np.stack([found[method]() for method in methods])
+    return np.stack([turns_by[method]() for method in methods])
 
 
 def start_ray(shapes: Floats) -> Floats:
-    """Turns (M,) from 0 to 1 at which curves come up through the ray along x, the farthest out.
+    """Turns (M,) from 0 to 1 at which curves cross the ray along x upwards, farthest out.
 
-    Closed counter-clockwise curves (M, n, 2), each about its own middle, at even steps of the turn;
-    one that does not cross the ray begins where it is farthest along x.
+    Curves are closed and counter-clockwise (M, n, 2), each about its own middle, at even steps; a
+    curve that does not cross the ray begins at its largest x.
     """
     count = shapes.shape[1]
     following = np.roll(shapes, -1, axis=1)
@@ -282,42 +320,42 @@ def start_ray(shapes: Floats) -> Floats:
 
 
 def minimum_twist(shapes: Floats) -> Floats:
-    """Steps (M - 1,), in turns, to the next curve's begin with the largest circular correlation."""
+    """Steps (M - 1,) [turns] to the next curve's start, by the largest circular correlation."""
     waves = np.fft.fft(shapes[..., 0] + 1j * shapes[..., 1], axis=1)
     # The sum over both coordinates is the real part of one complex product.
     steps = circular_peak(np.fft.ifft(np.conj(waves[:-1]) * waves[1:], axis=1).real)
     return steps - np.round(steps)
 
 
-def _azimuths(slices: Slices, around: Floats) -> Floats:
-    """Turns (M, count) at which the curves have given azimuths, in turns, about their middles."""
-    found = []
+def _azimuth_turns(slices: Slices, around: Floats) -> Floats:
+    """Parameters (M, count) of the curves at azimuths (count,) [turns] about their middles."""
+    turns = []
     for curve, middle, star in zip(slices.fine, slices.middles, slices.star, strict=True):
         even = np.linspace(0.0, 1.0, len(curve) + 1)
         if star:
             away = curve - middle
             azimuths = np.unwrap(np.arctan2(away[:, 1], away[:, 0])) / (2.0 * np.pi)
             ahead = np.mod(around - azimuths[0], 1.0)
-            found.append(np.interp(ahead, np.append(azimuths - azimuths[0], 1.0), even))
+            turns.append(np.interp(ahead, np.append(azimuths - azimuths[0], 1.0), even))
             continue
         shares = geometry.azimuth_match(curve, middle, 2.0 * np.pi * around).turns
         lengths = np.linalg.norm(np.diff(np.vstack([curve, curve[:1]]), axis=0), axis=1)
         ends = np.concatenate([[0.0], np.cumsum(lengths)]) / lengths.sum()
-        found.append(np.interp(shares, ends, even))
-    return np.unwrap(np.stack(found), period=1.0, axis=1)
+        turns.append(np.interp(shares, ends, even))
+    return np.unwrap(np.stack(turns), period=1.0, axis=1)
 
 
 def begin_turns(steps: Floats, from_slice: int, begin: float) -> Floats:
-    """Turns (M,) from 0 to 1 at which curves begin, by steps (M - 1,), given that of one."""
+    """Turns (M,) from 0 to 1 at which curves begin, from steps (M - 1,) and one curve's start."""
     turns = np.concatenate([[0.0], np.cumsum(steps)])
     return np.asarray(np.mod(turns - turns[from_slice] + begin, 1.0))
 
 
-def follow_signatures(shapes: Floats, steps: Floats) -> Floats:
-    """Steps (M - 1,), in turns, under which the signatures of neighbours agree.
+def follow_signatures(shapes: Floats, steps: Floats, settings: MatchSettings) -> Floats:
+    """Steps (M - 1,) [turns] with which the signatures of adjacent curves agree.
 
-    Lobes look alike: any one step could as well be a lobe further. So all are chosen together, for
-    the largest sum of correlations less what changes of the twist cost (Bellman, 1957).
+    Lobes look alike, so that a single step could as well be a lobe further. So all steps are chosen
+    together, for the largest sum of correlations less the costs of steps (Bellman, 1957).
     """
     if not len(steps):
         return steps
@@ -331,19 +369,19 @@ def follow_signatures(shapes: Floats, steps: Floats) -> Floats:
     products = lengths[:-1] * lengths[1:]
     scale = np.where(products > 0.0, products, 1.0)
     alike = np.fft.ifft(np.conj(waves[:-1]) * waves[1:] * turned, axis=1).real / scale[:, None]
-    reach = int(REACH * count)
-    shifts = np.arange(-reach, reach + 1)
+    most = int(settings.max_lobe_shift * count)
+    shifts = np.arange(-most, most + 1)
     near = alike[:, shifts % count]
-    lobed = lengths > LEAST_RELIEF * mean * np.sqrt(count)
-    tells = lobed[:-1] & lobed[1:] & (near.max(axis=1) > LEAST_ALIKE)
-    best = _best_path(np.where(tells[:, None], near, 0.0), shifts / count)
-    return steps + np.where(tells, circular_peak(alike, shifts[best]), shifts[best] / count)
+    lobed = lengths > settings.min_relief * mean * np.sqrt(count)
+    followed = lobed[:-1] & lobed[1:] & (near.max(axis=1) > settings.min_correlation)
+    gain = np.where(followed[:, None], near, 0.0) - settings.twist_cost * (shifts / count) ** 2
+    best = _best_path(gain, shifts / count, settings.step_change_cost)
+    return steps + np.where(followed, circular_peak(alike, shifts[best]), shifts[best] / count)
 
 
-def _best_path(gain: Floats, shifts: Floats) -> NDArray[np.intp]:
-    """Which shift (k,) each pair (m,) takes, given what each gains (m, k)."""
-    change = CHANGE * (shifts[:, None] - shifts) ** 2
-    gain = gain - TWIST * shifts**2
+def _best_path(gain: Floats, shifts: Floats, step_change_cost: float) -> NDArray[np.intp]:
+    """The shift (m,) of each pair, as a column of its gains (m, k) with `shifts` (k,) [turns]."""
+    change = step_change_cost * (shifts[:, None] - shifts) ** 2
     total = gain[0]
     back = np.zeros(gain.shape, np.intp)
     for pair in range(1, len(gain)):
@@ -358,7 +396,7 @@ def _best_path(gain: Floats, shifts: Floats) -> NDArray[np.intp]:
 
 
 def circular_peak(values: Floats, top: NDArray[np.intp] | None = None) -> Floats:
-    """Places (m,), in turns, of peaks of functions at even steps (m, n): parabolas at `top`."""
+    """Places (m,) [turns] of peaks of functions at even steps (m, n), by parabolas at `top`."""
     count = values.shape[1]
     top = values.argmax(axis=1) if top is None else top
     rows = np.arange(len(values))
@@ -368,23 +406,25 @@ def circular_peak(values: Floats, top: NDArray[np.intp] | None = None) -> Floats
     return np.asarray((top + np.clip(step, -0.5, 0.5)) / count)
 
 
-def _scores(slices: Slices, places: Floats) -> Floats:
-    """How well turns (c, M, count) predict slices from their neighbours, (c,), m."""
-    grids = chord_places(slices.fine, places[:, :, :: max(places.shape[2] // SCORED, 1)])
-    margin = 2 if len(slices.heights) >= WHOLE else 1
+def _scores(slices: Slices, places: Floats, settings: MatchSettings) -> Floats:
+    """Scores (c,) [m] of correspondences (c, M, count), as in `Correspondence.scores`."""
+    stride = max(places.shape[2] // settings.n_scored, 1)
+    grids = chord_places(slices.fine, places[:, :, ::stride])
+    margin = 2 if len(slices.heights) >= settings.min_inner_slices else 1
     inner = slice(margin, -margin)
     predicted = np.einsum("im,cmkd->cikd", neighbour_weights(slices.heights)[inner], grids)
     distance = slice_distance(slices.fine[inner], predicted).mean(axis=2)
-    least = EXACT * slices.perimeter[inner]
+    least = settings.min_distance * slices.perimeter[inner]
     return np.asarray(np.exp(np.log(np.maximum(distance, least)).mean(axis=1)))
 
 
 def slice_distance(curves: Floats, points: Floats) -> Floats:
-    """Distances (c, M, k) of points (c, M, k, 2) from curves (M, n, 2), to their tangents, m."""
-    middles = curves.mean(axis=1)  # Width must not grow by where an object leans to
+    """Distances (c, M, k) [m] of points (c, M, k, 2) from the tangents of curves (M, n, 2)."""
+    middles = curves.mean(axis=1)  # so that the width below does not grow with the object's lean
     curves = curves - middles[:, None]
     points = points - middles[:, None]
-    far = APART * max(float(np.abs(curves).max()), float(np.abs(points).max()))
+    # Slices are raised ten widths apart: the nearest place is then always of the same slice.
+    far = 10.0 * max(float(np.abs(curves).max()), float(np.abs(points).max()))
     level = far * np.arange(len(curves), dtype=np.float64)
 
     def raised(plane: Floats) -> Floats:

@@ -1,10 +1,8 @@
-"""A control lattice around an undeformed prism that becomes the side, and its refinement.
+"""A control lattice that deforms a prism into the side of an object, and its refinement.
 
-Free-form deformation: Fung, 1999, 4.4.
-
-The sides that are tried and the strengths of what settles the inside may be tuned; the systems
-follow their formulas. It rests on volumes of `palpate.core.splines`, on the side that it follows,
-and on a recovered superquadric as prior.
+Free-form deformation: Fung, 1999, 4.4. Sizes that are tried and the weights of what determines the
+inside are fields of settings classes. The package uses volumes of `palpate.core.splines`, the side
+that is followed, and a recovered superquadric as prior.
 """
 
 from palpate.core.rebuild.lattice.fit import (
@@ -13,5 +11,7 @@ from palpate.core.rebuild.lattice.fit import (
     LatticeSide as LatticeSide,
     fit_lattice as fit_lattice,
     lattice_grid as lattice_grid,
+)
+from palpate.core.rebuild.lattice.refinement import (
     refine_lattice as refine_lattice,
 )

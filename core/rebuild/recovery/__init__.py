@@ -1,8 +1,8 @@
 """Recovery of a superquadric from points.
 
-Size, exponents, pose, taper and bend, with covariance and reasons for doubt. Starts, trimming and
-thresholds of warnings may be tuned; distances and derivatives are closed forms. It rests on
-`palpate.core.shapes` and the batched least squares of core; it knows no contours.
+It has size, exponents, pose, taper and bend, with covariance and warnings. Starts, trimming and
+thresholds of warnings are fields of settings classes; distances and derivatives are closed forms.
+The package uses `palpate.core.shapes` and the batched least squares of core.
 """
 
 from palpate.core.rebuild.recovery.distances import (
@@ -11,6 +11,7 @@ from palpate.core.rebuild.recovery.distances import (
     normal_distances as normal_distances,
 )
 from palpate.core.rebuild.recovery.fitting import (
+    RecoverySettings as RecoverySettings,
     recover as recover,
 )
 from palpate.core.rebuild.recovery.report import (

@@ -1,15 +1,15 @@
 """First-order distances of points from many superquadrics at once, and their derivatives.
 
-The distance along the normal is (N - 1) / |grad N|, N being the gauge of the straightened point. It
-is as large for a point off a disc's flat side as for one off its rim, which the radial distance is
-not: so a model cannot grow unnoticed. Because the gradient's length is the slope along the normal,
-and to first order does not depend on how the normal turns, its derivative is that of the slope
-along a fixed direction: one second derivative for each point.
+The distance along the normal is (N - 1) / |grad N|, N being the gauge of the point after unbending
+and untapering. Unlike the radial distance, it is the same for a point off the flat side of a disc
+and a point as far off its rim, so that a model does not grow unnoticed. The gradient's length is
+the slope of N along the normal, and to first order does not depend on how the normal turns: its
+derivative is that of the slope along a fixed direction, one second derivative for each point.
 
-Below, points are unbent and untapered. Places and rates go forwards, slopes come back; a rate is
-how a place changes along one direction, which the caller picks for each point. A bend is its
-curvature times its direction, two numbers in which no bend is nothing special: no form here divides
-by the curvature (`palpate.core.shapes.global_deformations` has the same map for one solid).
+Points are first unbent, then untapered. A rate is the derivative of a place along one direction,
+which the caller selects for each point; slopes are derivatives by places, and are propagated back.
+A bend is its curvature times its direction, two numbers that are smooth at no bend: no formula here
+divides by the curvature (`palpate.core.shapes.global_deformations` has the same map for one solid).
 """
 
 from __future__ import annotations
@@ -24,46 +24,46 @@ from palpate.core.shapes import PNorm, PNormCurvature, p_norm, p_norm_curvature
 
 # Parameters: 3 logarithms of the size, 2 exponents, 3 of the rotation vector, 3 of the position; 2
 # more if tapered, then 2 more if bent (curvature times direction).
-RIGID = 11
-LEAST_SLOPE = 1e-12
-LEAST_CURVATURE = 1e-150  # Below it, a bend is none: its square would underflow
-LEAST_STRETCH = 1e-3  # Nearer to the centre of curvature, of the radius, slopes are as there
-# Of the half height: beyond the ends, the widths go over to constants within about that, without
-# the sudden stop that would make derivatives jump where the top's own points lie.
-SOFT_END = 0.05
-Triple = tuple[Floats, Floats, Floats]  # Three coordinates, (b, n) each
+N_RIGID = 11
+MIN_SLOPE = 1e-12
+MIN_CURVATURE = 1e-150  # below it there is no bend: its square would underflow
+Triple = tuple[Floats, Floats, Floats]  # three coordinates, (b, n) each
 
 
 class Warps(NamedTuple):
-    """What is fitted beside size, exponents and pose."""
+    """Deformations that are fitted besides size, exponents and pose, and how they are smoothed."""
 
     taper: bool
     bend: bool
+    # Beyond the ends the tapered width goes over to a constant within about this fraction of the
+    # half height: a sudden stop would make derivatives jump where points of the top lie.
+    end_softness: float = 0.05
+    min_stretch: float = 1e-3  # fraction of the bend's radius: bounds slopes at its centre
 
     @property
     def total(self) -> int:
         """Number of parameters."""
-        return RIGID + 2 * self.taper + 2 * self.bend
+        return N_RIGID + 2 * self.taper + 2 * self.bend
 
     @property
     def taper_columns(self) -> slice:
-        """Where the widenings are."""
-        return slice(RIGID, RIGID + 2 * self.taper)
+        """Columns of the two taper parameters; empty without a taper."""
+        return slice(N_RIGID, N_RIGID + 2 * self.taper)
 
     @property
     def bend_columns(self) -> slice:
-        """Where the two numbers of the bend are."""
+        """Columns of the two bend parameters; empty without a bend."""
         return slice(self.total - 2 * self.bend, self.total)
 
 
-class Seen(NamedTuple):
-    """Points, as each of the solids sees them."""
+class LocalPoints(NamedTuple):
+    """Points in the coordinates of each solid, and their gauge."""
 
-    body: Triple
+    body: Triple  # in the axes of the solid
     unbent: Unbent | None
     untapered: Untapered
-    across: PNorm
-    whole: PNorm
+    across: PNorm  # of x and y
+    whole: PNorm  # of `across` and z
     signs: Triple
 
 
@@ -72,15 +72,15 @@ def normal_distances(
 ) -> tuple[Floats, Floats]:
     """Distances (b, n), negative inside, and their derivatives (b, n, p).
 
-    Of solids with parameters (b, p), see `RIGID`, from points (n, 3) in the unit of the sizes.
-    `frames` (b, 3, 3) are axes, as columns, in which each solid stands where no rotation leaves it:
-    rotation vectors turn the solid's own axes, and positions are along those of its frame.
+    Of solids with parameters (b, p), see `N_RIGID`, from points (n, 3) in the unit of the sizes.
+    The columns of `frames` (b, 3, 3) are each solid's axes before its rotation: rotation vectors
+    turn the solid's own axes, and positions are along those of its frame.
     """
     turns, body = _body(parameters, points, frames)
-    seen = _see(parameters, body, warps)
-    gradient, length, distance = _distances(seen)
+    local = _local(parameters, body, warps)
+    gradient, length, distance = _distances(local)
     x, y, z = (part / length for part in gradient)
-    columns, pull = _columns(seen, parameters, warps, (x, y, z), distance)
+    columns, pull = _columns(local, parameters, warps, (x, y, z), distance)
     jacobian = np.empty((*distance.shape, warps.total))
     for i, column in columns.items():
         np.divide(column, length, out=jacobian[:, :, i])
@@ -91,32 +91,32 @@ def normal_distances(
 
 
 def _columns(
-    seen: Seen, parameters: Floats, warps: Warps, normal: Triple, distance: Floats
+    local: LocalPoints, parameters: Floats, warps: Warps, normal: Triple, distance: Floats
 ) -> tuple[dict[int, Floats], Triple]:
     """Derivatives, times the gradient's length, by all but the pose; and by the body's places."""
-    untapered, unbent = seen.untapered, seen.unbent
-    # How places change along the normals: bent and unbent ones, in the bend's axes, and straight.
+    untapered, unbent = local.untapered, local.unbent
+    # Rates along the normals: bent and unbent ones in the bend's axes, and straight ones.
     bent = moved = straight = normal
     if unbent is not None:
         bent = turned(unbent, normal)
         along = (unbent.cosine * bent[2] + unbent.sine * bent[0]) / unbent.stretch
         moved = unbent.cosine * bent[0] - unbent.sine * bent[2], bent[1], along
         straight = turned_back(unbent, moved)
-    first, unit = _gauge_slope(seen), untaper_rate(untapered, straight)
-    second, by_e1, by_e2 = _gauge_curve(seen, parameters, unit)
-    across, whole = seen.across, seen.whole
+    first, unit = _gauge_slope(local), untaper_rate(untapered, straight)
+    second, by_e1, by_e2 = _gauge_curvature(local, parameters, unit)
+    across, whole = local.across, local.whole
     columns = {
         3: whole.by_exponent - distance * by_e1,
         4: whole.by_x * across.by_exponent - distance * by_e2,
     }
-    x, y, z = (one - distance * two for one, two in zip(first, second, strict=True))
+    x, y, z = (slope - distance * bend for slope, bend in zip(first, second, strict=True))
     by_place = (x, y, z)
     by_rate = (-distance * first[0], -distance * first[1], -distance * first[2])
     for i in (0, 1):
         columns[i] = -by_place[i] * untapered.place[i] - by_rate[i] * unit[i]
     if warps.taper:
         both = slope_by_taper(untapered, unit, by_place, by_rate)
-        columns.update(zip(range(RIGID, RIGID + 2), both, strict=True))
+        columns.update(zip(range(N_RIGID, N_RIGID + 2), both, strict=True))
     by_straight = untaper_slope_of_both(untapered, unit, by_place, by_rate)
     by_moving = untaper_slope(untapered, by_rate)
     columns[2] = -by_straight[2] * untapered.straight[2] - by_moving[2] * straight[2]
@@ -129,9 +129,11 @@ def _columns(
     return columns, turned_back(unbent, by_bent)
 
 
-def _gauge_curve(seen: Seen, parameters: Floats, unit: Triple) -> tuple[Triple, Floats, Floats]:
+def _gauge_curvature(
+    local: LocalPoints, parameters: Floats, unit: Triple
+) -> tuple[Triple, Floats, Floats]:
     """Derivatives of the gauge's slope along rates: by the places and by both exponents."""
-    (sx, sy, sz), across, whole = seen.signs, seen.across, seen.whole
+    (sx, sy, sz), across, whole = local.signs, local.across, local.whole
     e1, e2 = parameters[:, 3, None], parameters[:, 4, None]
     inner: PNormCurvature = p_norm_curvature(across, sx * unit[0], sy * unit[1], e2)
     outer: PNormCurvature = p_norm_curvature(whole, inner.slope, sz * unit[2], e1)
@@ -144,20 +146,20 @@ def _gauge_curve(seen: Seen, parameters: Floats, unit: Triple) -> tuple[Triple, 
 def slope_by_taper(
     at: Untapered, moving: Triple, by_place: Triple, by_rate: Triple
 ) -> tuple[Floats, Floats]:
-    """Derivatives by the two widenings."""
-    high, found = moving[2], []
+    """Derivatives by the two taper parameters."""
+    high, by_taper = moving[2], []
     for i in (0, 1):
         share = at.share / at.width[i]
         first = at.hold[0] / at.width[i]
         change = at.place[i] * high * (share * at.narrowing[i] - first) - share * moving[i]
-        found.append(by_rate[i] * change - by_place[i] * at.place[i] * share)
-    return found[0], found[1]
+        by_taper.append(by_rate[i] * change - by_place[i] * at.place[i] * share)
+    return by_taper[0], by_taper[1]
 
 
 def untaper_slope_of_both(
     at: Untapered, moving: Triple, by_place: Triple, by_rate: Triple
 ) -> Triple:
-    """Derivatives by the straight places, of what depends on places and on rates `moving`."""
+    """Derivatives by the straight places of a function of places and of rates `moving`."""
     high = moving[2]
     across = [(by_place[i] - by_rate[i] * at.narrowing[i] * high) * at.scale[i] for i in (0, 1)]
     lean = by_place[2]
@@ -172,7 +174,7 @@ def untaper_slope_of_both(
 def slope_by_bend(
     at: Unbent, bent: Triple, moving: Triple, by_place: Triple, by_rate: Triple
 ) -> tuple[Floats, Floats]:
-    """Derivatives by both numbers of the bend; `bent` is the rate before unbending."""
+    """Derivatives by both parameters of the bend; `bent` is the rate before unbending."""
     r, z, stretch, s, c = at.inwards, at.along, at.stretch, at.sine, at.cosine
     angle = at.curvature * z
     sag = z * angle * at.rise
@@ -200,7 +202,7 @@ def slope_by_bend(
 
 
 def unbend_slope_of_both(at: Unbent, moving: Triple, by_place: Triple, by_rate: Triple) -> Triple:
-    """Derivatives by the bent places, of what depends on straight places and rates `moving`."""
+    """Derivatives by the bent places of a function of straight places and of rates `moving`."""
     inwards, across, up = unbend_slope(at, by_place)
     spin = at.curvature * (by_rate[2] * moving[0] / at.stretch**2 - by_rate[0] * moving[2])
     stretching = at.curvature * by_rate[2] * moving[2] / at.stretch
@@ -209,7 +211,7 @@ def unbend_slope_of_both(at: Unbent, moving: Triple, by_place: Triple, by_rate: 
 
 
 def untaper_rate(at: Untapered, straight: Triple) -> Triple:
-    """How the places change, from how the straight ones do."""
+    """Rates of the places, from rates of the straight places."""
     high = straight[2] * at.scale[2]
     x = straight[0] * at.scale[0] - at.place[0] * at.narrowing[0] * high
     y = straight[1] * at.scale[1] - at.place[1] * at.narrowing[1] * high
@@ -217,19 +219,19 @@ def untaper_rate(at: Untapered, straight: Triple) -> Triple:
 
 
 def distances_alone(parameters: Floats, points: Floats, frames: Floats, warps: Warps) -> Floats:
-    """Distances (b, n), at a third of the cost; see `normal_distances`."""
-    return _distances(_see(parameters, _body(parameters, points, frames)[1], warps))[2]
+    """Distances (b, n) as `normal_distances`, at a third of its cost."""
+    return _distances(_local(parameters, _body(parameters, points, frames)[1], warps))[2]
 
 
-def _distances(seen: Seen) -> tuple[Triple, Floats, Floats]:
+def _distances(local: LocalPoints) -> tuple[Triple, Floats, Floats]:
     """Gradient of the gauge by the body's coordinates, its length, and the distances."""
-    gradient = untaper_slope(seen.untapered, _gauge_slope(seen))
-    if seen.unbent is not None:
-        bent = unbend_slope(seen.unbent, turned(seen.unbent, gradient))
-        gradient = turned_back(seen.unbent, bent)
+    gradient = untaper_slope(local.untapered, _gauge_slope(local))
+    if local.unbent is not None:
+        bent = unbend_slope(local.unbent, turned(local.unbent, gradient))
+        gradient = turned_back(local.unbent, bent)
     length = np.sqrt(gradient[0] ** 2 + gradient[1] ** 2 + gradient[2] ** 2)
-    length = np.maximum(length, LEAST_SLOPE)
-    return gradient, length, (seen.whole.value - 1.0) / length
+    length = np.maximum(length, MIN_SLOPE)
+    return gradient, length, (local.whole.value - 1.0) / length
 
 
 def untaper_slope(at: Untapered, by_place: Triple) -> Triple:
@@ -248,52 +250,54 @@ def unbend_slope(at: Unbent, by_straight: Triple) -> Triple:
 
 
 def turned(at: Unbent, vector: Triple) -> Triple:
-    """A vector of the body's axes in those of the bend."""
+    """A vector in the bend's axes, from the body's axes."""
     cx, cy = at.towards
     return vector[0] * cx + vector[1] * cy, vector[1] * cx - vector[0] * cy, vector[2]
 
 
 def turned_back(at: Unbent, vector: Triple) -> Triple:
-    """A vector of the bend's axes in those of the body."""
+    """A vector in the body's axes, from the bend's axes."""
     cx, cy = at.towards
     return vector[0] * cx - vector[1] * cy, vector[0] * cy + vector[1] * cx, vector[2]
 
 
-def _gauge_slope(seen: Seen) -> Triple:
+def _gauge_slope(local: LocalPoints) -> Triple:
     """Derivatives of the gauge by the places of the unit superquadric."""
-    (sx, sy, sz), across, whole = seen.signs, seen.across, seen.whole
+    (sx, sy, sz), across, whole = local.signs, local.across, local.whole
     return sx * whole.by_x * across.by_x, sy * whole.by_x * across.by_y, sz * whole.by_y
 
 
-def _see(parameters: Floats, body: Floats, warps: Warps) -> Seen:
-    """Straighten points (b, n, 3) of the bodies' axes and work out their gauges."""
+def _local(parameters: Floats, body: Floats, warps: Warps) -> LocalPoints:
+    """Unbend and untaper points (b, n, 3) in the bodies' axes, and compute their gauges."""
     places = (body[:, :, 0], body[:, :, 1], body[:, :, 2])
     unbent, straight = None, places
     if warps.bend:
-        unbent = unbend(places, parameters[:, warps.bend_columns])
+        unbent = unbend(places, parameters[:, warps.bend_columns], warps.min_stretch)
         straight = turned_back(unbent, (unbent.inwards, unbent.across, unbent.along))
     taper = parameters[:, warps.taper_columns] if warps.taper else None
-    untapered = untaper(straight, np.exp(parameters[:, :3]), taper)
+    untapered = untaper(straight, np.exp(parameters[:, :3]), taper, warps.end_softness)
     x, y, z = untapered.place
     e1, e2 = parameters[:, 3, None], parameters[:, 4, None]
     across = p_norm(np.abs(x), np.abs(y), e2)
     whole = p_norm(across.value, np.abs(z), e1)
-    return Seen(places, unbent, untapered, across, whole, (np.sign(x), np.sign(y), np.sign(z)))
+    return LocalPoints(
+        places, unbent, untapered, across, whole, (np.sign(x), np.sign(y), np.sign(z))
+    )
 
 
-def unbend(bent: Triple, bend: Floats) -> Unbent:
-    """Straighten places (b, n) of bends (b, 2), each curvature times direction."""
+def unbend(bent: Triple, bend: Floats, min_stretch: float) -> Unbent:
+    """Straighten places (b, n) that bends (b, 2) have bent, each curvature times direction."""
     x, y, z = bent
     k = np.hypot(bend[:, 0], bend[:, 1])[:, None]
-    none = k < LEAST_CURVATURE
+    none = k < MIN_CURVATURE
     safe = np.where(none, 1.0, k)
     cx = np.where(none, 1.0, bend[:, 0, None] / safe)
     cy = np.where(none, 0.0, bend[:, 1, None] / safe)
     inwards, across = x * cx + y * cy, y * cx - x * cy
     up, level = k * z, 1.0 - k * inwards
-    stretch = np.maximum(np.hypot(up, level), LEAST_STRETCH)
+    stretch = np.maximum(np.hypot(up, level), min_stretch)
     angle = np.arctan2(up, level)
-    small = np.abs(angle) < 0.3  # By their series 1 - cos and t - sin lose fewer digits
+    small = np.abs(angle) < 0.3  # where the series of t - sin(t) loses fewer digits
     safe_angle, square = np.where(small, 1.0, angle), angle * angle
     chord = np.sinc(angle / np.pi)
     half = np.sinc(angle / (2.0 * np.pi))
@@ -314,17 +318,17 @@ def unbend(bent: Triple, bend: Floats) -> Unbent:
     )
 
 
-def untaper(straight: Triple, size: Floats, taper: Floats | None) -> Untapered:
-    """Places of the unit superquadric, from semi-axes (b, 3) and widenings (b, 2)."""
+def untaper(straight: Triple, size: Floats, taper: Floats | None, end_softness: float) -> Untapered:
+    """Places of the unit superquadric, from semi-axes (b, 3) and taper parameters (b, 2)."""
     x, y, z = straight
     a, b, c = (1.0 / size[:, i, None] for i in range(3))
     high = z * c
     if taper is None:
-        one, none = np.ones((1, 1)), np.zeros((1, 1))
-        pair = (none, none)
+        unit, zero = np.ones((1, 1)), np.zeros((1, 1))
+        pair = (zero, zero)
         place = (x * a, y * b, high)
-        return Untapered(place, straight, (one, one), high, (one, none), pair, pair, (a, b, c))
-    share, first, second = _held(high)
+        return Untapered(place, straight, (unit, unit), high, (unit, zero), pair, pair, (a, b, c))
+    share, first, second = _clamped_softly(high, end_softness)
     along_x, along_y = taper[:, 0, None], taper[:, 1, None]
     wide, deep = 1.0 + along_x * share, 1.0 + along_y * share
     scale = (a / wide, b / deep, c)
@@ -340,30 +344,30 @@ def untaper(straight: Triple, size: Floats, taper: Floats | None) -> Untapered:
     )
 
 
-def _held(high: Floats) -> Triple:
-    """Heights that do not go far beyond 1, with their first and second derivatives."""
-    beyond = np.maximum(np.abs(high) - 1.0, 0.0) / SOFT_END
-    bent = np.tanh(beyond)
-    share = np.clip(high, -1.0, 1.0) + np.sign(high) * SOFT_END * bent
+def _clamped_softly(high: Floats, softness: float) -> Triple:
+    """Heights clamped to little beyond -1 and 1, with their first and second derivatives."""
+    excess = np.maximum(np.abs(high) - 1.0, 0.0) / softness
+    bent = np.tanh(excess)
+    share = np.clip(high, -1.0, 1.0) + np.sign(high) * softness * bent
     first = 1.0 - bent * bent
-    return share, first, -2.0 / SOFT_END * np.sign(high) * bent * first
+    return share, first, -2.0 / softness * np.sign(high) * bent * first
 
 
 def _body(parameters: Floats, points: Floats, frames: Floats) -> tuple[Floats, Floats]:
-    """How solids are turned in their frames (b, 3, 3), and points (b, n, 3) in their own axes."""
+    """Rotations (b, 3, 3) of solids in their frames, and points (b, n, 3) in the solids' axes."""
     turns = rotations_from_vectors(parameters[:, 5:8])
     return turns, (points @ frames - parameters[:, None, 8:11]) @ turns
 
 
 class Unbent(NamedTuple):
-    """Places in the planes of the bends, straightened; (b, n) unless told otherwise."""
+    """Straightened places in the bend's axes; (b, n) unless a comment says otherwise."""
 
     curvature: Floats  # (b, 1)
-    towards: tuple[Floats, Floats]  # Direction of the bend, (b, 1) each
+    towards: tuple[Floats, Floats]  # direction of the bend, (b, 1) each
     inwards: Floats
     across: Floats
     along: Floats
-    stretch: Floats  # Length of the fibre, as a share of the axis's
+    stretch: Floats  # length of the fibre, as a fraction of the axis's
     cosine: Floats
     sine: Floats
     chord: Floats  # sin(t) / t of the angle t by which the bend turned the place
@@ -372,13 +376,13 @@ class Unbent(NamedTuple):
 
 
 class Untapered(NamedTuple):
-    """Places divided by the semi-axes and by the taper's widths; (b, n) all."""
+    """Places divided by the semi-axes and by the taper's widths; all (b, n)."""
 
     place: Triple
-    straight: Triple  # The places before
-    width: tuple[Floats, Floats]  # Of the section, as a share
-    share: Floats  # Height as a share of the half height, held near 1 beyond the ends
-    hold: tuple[Floats, Floats]  # Its first and second derivative by the height in half heights
-    narrowing: tuple[Floats, Floats]  # Of the width by the height in half heights, logarithmic
-    easing: tuple[Floats, Floats]  # Second derivative of the width by that height, over the width
-    scale: Triple  # Reciprocals of the semi-axes, (b, 1), the first two over the width
+    straight: Triple  # the places before
+    width: tuple[Floats, Floats]  # of the section, as a fraction of that at mid height
+    share: Floats  # height over the half height, clamped softly beyond the ends
+    hold: tuple[Floats, Floats]  # first and second derivative of `share` by height / half height
+    narrowing: tuple[Floats, Floats]  # logarithmic derivative of the width by that height
+    easing: tuple[Floats, Floats]  # second derivative of the width by that height, over the width
+    scale: Triple  # reciprocals of the semi-axes, (b, 1), the first two over the width

@@ -1,8 +1,8 @@
-"""A closed surface given by a rule, exact at every place.
+"""A closed surface in closed form: points, normals, curvatures, meshes, integrals, nearest points.
 
-Points, normals, curvatures, meshes, integrals, nearest points. A new kind of piece needs only
-the one method of `Patch`; tolerances of meshes and searches are named on top of their chapters.
-It rests on `palpate.core.rebuild.ends` for what closes a side, and on `palpate.core.geometry`.
+A new kind of piece implements the single method `Patch.at`. Tolerances of meshes and searches are
+fields of settings classes. The package uses `palpate.core.rebuild.ends`, which close a side, and
+`palpate.core.geometry`.
 """
 
 from palpate.core.rebuild.surface.closed import (
@@ -12,12 +12,14 @@ from palpate.core.rebuild.surface.closed import (
     Surface as Surface,
     close_surface as close_surface,
     closed_surface as closed_surface,
-    measure_surface as measure_surface,
     placed as placed,
     sampled_patch as sampled_patch,
 )
+from palpate.core.rebuild.surface.measuring import (
+    measure_surface as measure_surface,
+)
 from palpate.core.rebuild.surface.meshing import (
-    DEFAULT_TOLERANCE as DEFAULT_TOLERANCE,
+    MeshSettings as MeshSettings,
     SurfaceMesh as SurfaceMesh,
     SurfaceSearch as SurfaceSearch,
     grid_mesh as grid_mesh,

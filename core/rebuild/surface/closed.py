@@ -1,10 +1,9 @@
-"""A closed surface given by a rule, exact at every place: pieces, curvatures, volume and moments.
+"""A closed surface in closed form: pieces, points, normals and curvatures.
 
-It runs from a pole at v = 0 to a pole at v = 1, through the lower end, the side and the upper end;
-around it runs the turn. The pieces meet at seams, where it may have an edge. Integrals over the
-solid are taken over its surface by the divergence theorem, by Gauss's rule on cells that are halved
-until the result stands still. Samples of a piece lie evenly along and around, whatever the
-parameters of what gives them: the spline's own error then shows only at edges.
+Its parameter v runs from a pole at 0 to a pole at 1, through the lower end, the side and the upper
+end; the other parameter is the turn around. The pieces meet at seams, where the surface may have an
+edge. Samples of a piece are spaced evenly along and around, whatever the parameters of the sampled
+function: the spline's error is then visible at edges only.
 """
 
 from __future__ import annotations
@@ -30,30 +29,12 @@ from palpate.core.rebuild.ends import (
     StraightCurve,
     profile_curves,
 )
-from palpate.core.shapes import MassMoments
 from palpate.reprs import readable
 
-# Of the way from pole to pole: within this of a pole, normals and curvatures are told as they are
-# at this distance, where the tangents do not vanish.
-POLE = 1e-5
-OPEN = 1e-6  # Of the size: a ring at a pole that is wider than this leaves a hole
-LENGTH_ROWS, LENGTH_TURNS = 17, 24  # Grid on which a piece's length is taken
-LEAST_PIECE = 0.02  # Least share of v that a piece gets
-NODES = 4  # Of Gauss's rule in a cell, each way
-FIRST_ROWS, FIRST_COLUMNS = 4, 12  # Cells of each piece to begin with
-HALVINGS = 4  # Most halvings of the cells
-ENOUGH = 1e-8  # Change of the volume and of the area, as a share, at which they stand still
-RIM = 720  # Points of a rim from which its middle is taken
-ROWS, TURNS = 161, 256  # Points along and around
-FINER = 8  # Times as many places tell how to set them evenly,
-FEW = 31  # each on so many lines across
-# Share of the steps that goes with the parameter and not with the length: what has no length still
-# has places.
-SPREAD = 0.05
 # Points (a, b, 3) at places (a,) along, from 0 to 1, and turns (b,), from 0 to 1.
 Grid = Callable[[Floats, Floats], Floats]
-Ring = Callable[[int], Floats]  # Points (..., 3) of a ring, or a derivative by the turn
-Orders = tuple[int, int]  # Times it is differentiated by v and by turns; together up to 2
+Ring = Callable[[int], Floats]  # points (..., 3) of a ring, or a derivative by the turn
+Orders = tuple[int, int]  # of derivatives by v and by turns; of total order up to 2
 
 
 @readable
@@ -61,19 +42,19 @@ Orders = tuple[int, int]  # Times it is differentiated by v and by turns; togeth
 class Surface:
     """Pieces from pole to pole; `close_surface` makes one."""
 
-    pieces: tuple[Patch, ...]  # From the bottom to the top
+    pieces: tuple[Patch, ...]  # from the bottom to the top
     seams: Floats  # v at which they begin and end, (pieces + 1,), from 0 to 1
-    middle: Floats  # About the middle of its box, (3,)
-    size: float  # Diagonal of its box, about
-    frame: Floats | None = None  # Pose (7,) of the pieces' frame; None: where the surface is
-    shear: Shear | None = None  # How the pieces are sheared before
+    middle: Floats  # approximate middle of its box, (3,)
+    size: float  # approximate diagonal of its box
+    frame: Floats | None = None  # pose (7,) of the pieces' frame; None for the surface's own frame
+    shear: Shear | None = None  # applied to the pieces before the pose
 
     def at(self, v: ArrayLike, turns: ArrayLike, by: Orders = (0, 0)) -> Floats:
         """Points (..., 3) at v and turns, which are broadcast, or derivatives of them.
 
-        v runs from 0, the lower pole, to 1, the upper; at a seam the upper piece answers. A whole
-        turn is 1. Raises ValueError if a place is not finite or v lies outside 0 to 1, or more
-        derivatives are wanted than together 2.
+        v runs from 0, the lower pole, to 1, the upper pole; a seam belongs to the upper piece. A
+        whole turn is 1. Raises ValueError if a place is not finite, v lies outside 0 to 1, or the
+        total order of derivatives exceeds 2.
         """
         v, turns = np.broadcast_arrays(np.asarray(v, float), np.asarray(turns, float))
         shape = v.shape
@@ -90,7 +71,7 @@ class Surface:
         return points.reshape(*shape, 3)
 
     def on_grid(self, v: Floats, turns: Floats, by: Orders = (0, 0)) -> Floats:
-        """The same at each pair of v (a,) and turns (b,), one after the other: (a, b, 3)."""
+        """The same at each pair of v (a,) and turns (b,), without checks: (a, b, 3)."""
         points = np.empty((len(v), len(turns), 3))
         owner = self.piece_of(v)
         for piece in np.unique(owner):
@@ -99,9 +80,9 @@ class Surface:
         return points
 
     def piece_of(self, v: Floats) -> Ints:
-        """The piece (n,) at each v (n,); the upper one at a seam."""
-        found = np.searchsorted(self.seams, v, side="right") - 1
-        return np.clip(found, 0, len(self.pieces) - 1).astype(np.int32)
+        """Number (n,) of the piece at each v (n,); the upper piece at a seam."""
+        piece = np.searchsorted(self.seams, v, side="right") - 1
+        return np.clip(piece, 0, len(self.pieces) - 1).astype(np.int32)
 
     def piece_at(self, piece: int, v: Floats, turns: Floats, by: Orders = (0, 0)) -> Floats:
         """Points (n, 3) of one piece, at v (n,) between its seams, or derivatives of them."""
@@ -115,25 +96,25 @@ class Surface:
         def points(order: Orders) -> Floats:
             return np.asarray(self.pieces[piece].on_grid(local, turns, order).reshape(-1, 3))
 
-        found: Floats = self._placed(piece, points, by)
-        return found.reshape(len(v), len(turns), 3)
+        grid: Floats = self._placed(piece, points, by)
+        return grid.reshape(len(v), len(turns), 3)
 
     def _local(self, piece: int, v: Floats) -> Floats:
         low, high = self.seams[piece], self.seams[piece + 1]
         return np.asarray(np.clip((v - low) / (high - low), 0.0, 1.0))
 
     def _placed(self, piece: int, patch: Callable[[Orders], Floats], by: Orders) -> Floats:
-        """Points (n, 3) of a patch, or derivatives, where they are: by v, sheared and moved."""
-        found = patch(by) if self.shear is None else self.shear.carried(patch, by)
+        """Sheared and moved points (n, 3) of a patch, or their derivatives by v and turns."""
+        points = patch(by) if self.shear is None else self.shear.carried(patch, by)
         if self.frame is not None:
             position, axes = Pose.from_array(self.frame)
-            found = found @ axes.T
-            found = found + position if by == (0, 0) else found
+            points = points @ axes.T
+            points = points + position if by == (0, 0) else points
         extent = float(self.seams[piece + 1] - self.seams[piece])
-        return np.asarray(found / extent ** by[0] if by[0] else found)
+        return np.asarray(points / extent ** by[0] if by[0] else points)
 
     def normals(self, v: ArrayLike, turns: ArrayLike) -> Floats:
-        """Outward unit normals (..., 3), at a tip the limit; errors as of `at`."""
+        """Outward unit normals (..., 3), at a pole the limit; arguments and errors as for `at`."""
         inside = _off_poles(v)
         by_v, by_t = self.at(inside, turns, (1, 0)), self.at(inside, turns, (0, 1))
         return unit_normals(by_v, by_t)
@@ -155,16 +136,17 @@ def _check_v(v: Floats) -> None:
         raise ValueError(f"v must lie between 0 and 1, got {v.min():g} to {v.max():g}")
 
 
-def _off_poles(v: ArrayLike) -> Floats:
+def _off_poles(v: ArrayLike, distance: float = 1e-5) -> Floats:
+    """Values of v, kept at a distance from both poles, where tangents vanish."""
     v = np.asarray(v, float)
     _check_v(v)
-    return np.asarray(np.clip(v, POLE, 1.0 - POLE))
+    return np.asarray(np.clip(v, distance, 1.0 - distance))
 
 
 def curvatures_of(
     by_v: Floats, by_t: Floats, by_vv: Floats, by_vt: Floats, by_tt: Floats
 ) -> Curvatures:
-    """By derivatives (n, 3), not parallel: L^-1 II L^-T, with L by Gram-Schmidt."""
+    """Curvatures from derivatives (n, 3), not parallel: L^-1 II L^-T, with L by Gram-Schmidt."""
     a = np.linalg.norm(by_v, axis=1)
     along = by_v / a[:, None]
     normals = unit_normals(by_v, by_t)
@@ -183,7 +165,7 @@ def curvatures_of(
 
 
 def unit_normals(by_v: Floats, by_t: Floats) -> Floats:
-    """Outward unit normals (..., 3) from tangents upwards and counter-clockwise; 0 if parallel."""
+    """Outward unit normals (..., 3) from tangents along v and turn; 0 if these are parallel."""
 
     def unit(vectors: Floats) -> Floats:
         lengths = np.linalg.norm(vectors, axis=-1, keepdims=True)
@@ -192,49 +174,67 @@ def unit_normals(by_v: Floats, by_t: Floats) -> Floats:
     return unit(np.cross(unit(by_t), unit(by_v)))
 
 
-def dot(one: Floats, other: Floats) -> Floats:
-    """Products (...) of vectors (..., d)."""
-    return np.asarray(np.einsum("...i,...i->...", one, other))
+def dot(a: Floats, b: Floats) -> Floats:
+    """Scalar products (...) of vectors (..., d)."""
+    return np.asarray(np.einsum("...i,...i->...", a, b))
 
 
-def close_surface(side: Patch, bottom: End | None = None, top: End | None = None) -> Surface:
-    """A side and what is set onto its ends; ValueError if it runs clockwise or is open."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ClosureSettings:
+    """When a surface is closed, and how v is divided among its pieces."""
+
+    max_opening: float = 1e-6  # fraction of the size: a wider ring at a pole is a hole
+    n_rows: int = 17  # of the grid by which the length of a piece is measured
+    n_turns: int = 24  # columns of that grid
+    min_share: float = 0.02  # of v, for a piece
+
+
+def close_surface(
+    side: Patch,
+    bottom: End | None = None,
+    top: End | None = None,
+    *,
+    settings: ClosureSettings = ClosureSettings(),
+) -> Surface:
+    """A side closed by its ends; ValueError if it runs clockwise or is open."""
     below = end_patches(side, bottom, upper=False) if bottom is not None else ()
     above = end_patches(side, top, upper=True) if top is not None else ()
-    area = signed_area(_grid(side)[LENGTH_ROWS // 2, :, :2])
+    area = signed_area(_grid(side, settings)[settings.n_rows // 2, :, :2])
     if not area > 0.0:
         raise ValueError(f"side must run counter-clockwise, got a ring of signed area {area:g}")
-    return closed_surface((*below, side, *above))
+    return closed_surface((*below, side, *above), settings)
 
 
-def closed_surface(pieces: tuple[Patch, ...]) -> Surface:
-    """Pieces, upwards, that make a closed surface; ValueError if an end is open."""
-    grid = np.stack([_grid(piece) for piece in pieces])
+def closed_surface(
+    pieces: tuple[Patch, ...], settings: ClosureSettings = ClosureSettings()
+) -> Surface:
+    """A closed surface of pieces from bottom to top; ValueError if an end is open."""
+    grid = np.stack([_grid(piece, settings) for piece in pieces])
     points = grid.reshape(-1, 3)
     low, high = points.min(axis=0), points.max(axis=0)
     size = float(np.linalg.norm(high - low))
     for name, ring in (("bottom", grid[0, 0]), ("top", grid[-1, -1])):
         width = float(np.ptp(ring, axis=0).max())
-        if width > OPEN * size:
+        if width > settings.max_opening * size:
             raise ValueError(
                 f"{name} must be given, for the side does not close there: "
                 f"its last ring is {width:g} wide"
             )
     steps = np.linalg.norm(np.diff(grid, axis=1), axis=-1).mean(axis=2).sum(axis=1)
-    shares = np.maximum(steps / steps.sum(), LEAST_PIECE)
+    shares = np.maximum(steps / steps.sum(), settings.min_share)
     seams = np.concatenate([[0.0], np.cumsum(shares) / shares.sum()])
     seams[-1] = 1.0
     return Surface(pieces, seams, 0.5 * (low + high), size)
 
 
-def _grid(piece: Patch) -> Floats:
-    """Points (LENGTH_ROWS, LENGTH_TURNS, 3) of a piece."""
-    turns = np.arange(LENGTH_TURNS) / LENGTH_TURNS
-    return piece.on_grid(np.linspace(0.0, 1.0, LENGTH_ROWS), turns)
+def _grid(piece: Patch, settings: ClosureSettings) -> Floats:
+    """Points (n_rows, n_turns, 3) of a piece."""
+    turns = np.arange(settings.n_turns) / settings.n_turns
+    return piece.on_grid(np.linspace(0.0, 1.0, settings.n_rows), turns)
 
 
 def placed(surface: Surface, frame: Floats | None, shear: Shear | None = None) -> Surface:
-    """A surface that is where its pieces are, sheared and carried along by a frame's pose (7,)."""
+    """A surface in the frame of its pieces, sheared and moved by a pose (7,)."""
     if frame is None and shear is None:
         return surface
     middle = surface.middle[None] if shear is None else shear.sheared(surface.middle[None])
@@ -245,92 +245,16 @@ def placed(surface: Surface, frame: Floats | None, shear: Shear | None = None) -
 
 @readable
 class Curvatures(NamedTuple):
-    """Of a surface at points; convex positive."""
+    """Principal curvatures of a surface at points, positive where it is convex."""
 
-    normals: Floats  # Outward unit normals, (n, 3)
-    k1: Floats  # Larger principal curvature, (n,), one over the surface's unit
-    k2: Floats  # Smaller one, (n,)
-    directions: Floats  # Unit tangents along which the curvature is k1, (n, 3)
-
-
-@readable
-class SurfaceMeasures(NamedTuple):
-    """Of a solid of density 1, in the unit of its surface."""
-
-    moments: MassMoments  # Volume, centroid, and second moments from the frame's origin
-    area: float
-    # By how much the last halving changed the volume or the area, the larger share: a bound in
-    # practice, for each halving takes away more than half of what is left.
-    error: float
-
-    def inertia(self) -> Floats:
-        """Inertia (3, 3) about the centroid."""
-        volume, centroid, second = self.moments
-        about = second - volume * np.outer(centroid, centroid)
-        return np.asarray(np.trace(about) * np.eye(3) - about)
-
-
-def measure_surface(surface: Surface) -> SurfaceMeasures:
-    """Volume, area, centroid and second moments, taken about the middle of the box and moved."""
-    sums, error = _sums(surface, 0), np.inf
-    for level in range(1, HALVINGS + 1):
-        finer = _sums(surface, level)
-        error = float(np.max(np.abs(finer[:2] / sums[:2] - 1.0)))
-        sums = finer
-        if error <= ENOUGH:
-            break
-    volume, area = float(sums[0]), float(sums[1])
-    offset = sums[2:5] / volume
-    second = np.empty((3, 3))
-    upper = np.triu_indices(3)
-    second[upper] = sums[5:]
-    second.T[upper] = sums[5:]
-    middle, centroid = surface.middle, surface.middle + offset
-    moved = np.outer(offset, middle)
-    second = second + volume * (moved + moved.T + np.outer(middle, middle))
-    return SurfaceMeasures(MassMoments(volume, centroid, second), area, error)
-
-
-def _sums(surface: Surface, level: int) -> Floats:
-    """Volume, area, three first and six second moments about the middle, (11,)."""
-    turns, across = _nodes(0.0, 1.0, FIRST_COLUMNS << level)
-    total = np.zeros(11)
-    for piece, (low, high) in enumerate(zip(surface.seams[:-1], surface.seams[1:], strict=True)):
-        v, along = _nodes(low, high, FIRST_ROWS << level)
-        weights = (along[:, None] * across).reshape(-1, 1)
-        x, by_v, by_t = (
-            surface.piece_on_grid(piece, v, turns, by).reshape(-1, 3)
-            for by in ((0, 0), (1, 0), (0, 1))
-        )
-        total += _flux(x - surface.middle, np.cross(by_t, by_v) * weights)
-    return total
-
-
-def _nodes(low: float, high: float, cells: int) -> tuple[Floats, Floats]:
-    """Places and weights of Gauss's rule on equal cells."""
-    place, weight = np.polynomial.legendre.leggauss(NODES)
-    width = (high - low) / cells
-    begin = low + width * np.arange(cells)
-    places = begin[:, None] + 0.5 * width * (1.0 + place)
-    return places.ravel(), np.tile(0.5 * width * weight, cells)
-
-
-def _flux(x: Floats, n: Floats) -> Floats:
-    """What fields whose divergences are 1, coordinates, and products of them send out."""
-    i, j = np.triu_indices(3)
-    # x_i x_j is the divergence of x_i^2 x_j e_i / 2, or of x_i^3 e_i / 3 where they are one.
-    share = np.where(i == j, 1.0 / 3.0, 0.5)
-    return np.concatenate(
-        [
-            [np.sum(x * n) / 3.0, np.linalg.norm(n, axis=1).sum()],
-            np.sum(x * x * n, axis=0) / 2.0,
-            share * np.sum(x[:, i] ** 2 * x[:, j] * n[:, i], axis=0),
-        ]
-    )
+    normals: Floats  # outward unit normals, (n, 3)
+    k1: Floats  # larger principal curvature, (n,), one over the surface's unit
+    k2: Floats  # smaller one, (n,)
+    directions: Floats  # unit tangents along which the curvature is k1, (n, 3)
 
 
 class Patch(Protocol):
-    """A piece of a surface, from one ring to another; who inherits this needs but `at`."""
+    """A piece of a surface, from one ring to another; subclasses implement `at`."""
 
     def at(self, v: Floats, turns: Floats, by: Orders = (0, 0)) -> Floats:
         """Points (n, 3) at v, upwards from 0 to 1, and turns (n,), or derivatives by them."""
@@ -338,20 +262,22 @@ class Patch(Protocol):
 
     def on_grid(self, v: Floats, turns: Floats, by: Orders = (0, 0)) -> Floats:
         """The same at each pair of v (a,) and turns (b,): (a, b, 3)."""
-        each = self.at(np.repeat(v, len(turns)), np.tile(turns, len(v)), by)
-        return each.reshape(len(v), len(turns), 3)
+        points = self.at(np.repeat(v, len(turns)), np.tile(turns, len(v)), by)
+        return points.reshape(len(v), len(turns), 3)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EndPatch:
-    """A ring's shape, scaled along a curve until it is a point or another ring."""
+    """The side's last ring, scaled along a profile curve to a point or another ring."""
 
-    side: Patch  # Whose last ring it begins at
+    side: Patch  # at whose last ring it begins
     curve: ProfileCurve
-    rim: Floats  # Middle of the side's last ring, (3,): from where it is seen whole, if it can be
-    middle: Floats  # Middle of the end, (3,)
-    upper: bool  # Whether it lies on the side or under it
-    relief: Relief | None = None  # What it rises besides, in full at the end's height
+    rim: (
+        Floats  # middle of the side's last ring, (3,): a place that sees all of it, if there is one
+    )
+    middle: Floats  # middle of the end, (3,)
+    upper: bool  # whether it is the upper end
+    relief: Relief | None = None  # height added to the profile, in full at the end's height
 
     def at(self, v: Floats, turns: Floats, by: Orders = (0, 0)) -> Floats:
         """See `Patch.at`."""
@@ -365,36 +291,36 @@ class EndPatch:
         return self._set_on(v[:, None], ring, by)
 
     def _set_on(self, v: Floats, ring: Ring, by: Orders) -> Floats:
-        """At v and places of the ring, which are broadcast."""
-        found = self._on_profile(v, ring, by)
+        """Points at v and places of the ring, which are broadcast, or derivatives."""
+        points = self._on_profile(v, ring, by)
         if self.relief is not None:
-            found[..., 2] += self._rise(self.relief, v, ring, by)
-        return found
+            points[..., 2] += self._rise(self.relief, v, ring, by)
+        return points
 
     def _rise(self, relief: Relief, v: Floats, ring: Ring, by: Orders) -> Floats:
-        """The relief times the way, or derivatives: product and chain rule."""
-        ways = [self._along(v, k)[0] for k in range(by[0] + 1)]
+        """The relief times the profile's height, or derivatives: product and chain rule."""
+        along = [self._along(v, k)[0] for k in range(by[0] + 1)]
         places = self._on_profile(v, ring, (0, 0))[..., :2]
         height = relief.at(places)
         if by == (0, 0):
-            return np.asarray(ways[0] * height)
+            return np.asarray(along[0] * height)
         slopes = np.stack([relief.at(places, (1, 0)), relief.at(places, (0, 1))], axis=-1)
-        found = ways[0] * dot(slopes, self._on_profile(v, ring, by)[..., :2])
-        found += ways[-1] * height if by[1] == 0 else 0.0
+        rise = along[0] * dot(slopes, self._on_profile(v, ring, by)[..., :2])
+        rise += along[-1] * height if by[1] == 0 else 0.0
         if sum(by) == 1:
-            return np.asarray(found)
-        one, other = ((1, 0), (0, 1)) if by == (1, 1) else ((by[0] // 2, by[1] // 2),) * 2
-        first, second = (self._on_profile(v, ring, each)[..., :2] for each in (one, other))
-        x, xy, y = (relief.at(places, each) for each in ((2, 0), (1, 1), (0, 2)))
-        found += ways[0] * x * first[..., 0] * second[..., 0]
-        found += ways[0] * y * first[..., 1] * second[..., 1]
-        found += ways[0] * xy * (first[..., 0] * second[..., 1] + first[..., 1] * second[..., 0])
+            return np.asarray(rise)
+        singles = ((1, 0), (0, 1)) if by == (1, 1) else ((by[0] // 2, by[1] // 2),) * 2
+        first, second = (self._on_profile(v, ring, single)[..., :2] for single in singles)
+        xx, xy, yy = (relief.at(places, orders) for orders in ((2, 0), (1, 1), (0, 2)))
+        rise += along[0] * xx * first[..., 0] * second[..., 0]
+        rise += along[0] * yy * first[..., 1] * second[..., 1]
+        rise += along[0] * xy * (first[..., 0] * second[..., 1] + first[..., 1] * second[..., 0])
         if by[0]:
-            found += (2.0 if by == (2, 0) else 1.0) * ways[1] * dot(slopes, second)
-        return np.asarray(found)
+            rise += (2.0 if by == (2, 0) else 1.0) * along[1] * dot(slopes, second)
+        return np.asarray(rise)
 
     def _on_profile(self, v: Floats, ring: Ring, by: Orders) -> Floats:
-        along, share = (one[..., None] for one in self._along(v, by[0]))
+        along, share = (part[..., None] for part in self._along(v, by[0]))
         offset = ring(by[1])
         if by[1]:
             return np.asarray(share * offset)
@@ -402,31 +328,31 @@ class EndPatch:
         return np.asarray(moved + self.rim if by[0] == 0 else moved)
 
     def _along(self, v: Floats, order: int) -> tuple[Floats, Floats]:
-        """How far along the curve, and its share of the ring, at v, or derivatives."""
-        way = v if self.upper else 1.0 - v
+        """Relative height of the profile and scale of the ring at v, or derivatives."""
+        parameter = v if self.upper else 1.0 - v
         sign = 1.0 if self.upper else (-1.0) ** order
-        along, share = (sign * self.curve.at(way.ravel(), order)).T
+        along, share = (sign * self.curve.at(parameter.ravel(), order)).T
         return along.reshape(v.shape), share.reshape(v.shape)
 
     @property
     def folded(self) -> float:
-        """How much of a level end lies on itself, over the area that its ring encloses."""
+        """Area of a level end that lies on itself, over the area that its ring encloses."""
         curve = self.curve
         rises = isinstance(curve, StraightCurve) and curve.begin[0] != curve.end[0]
         if not isinstance(curve, StraightCurve) or (rises and self.middle[2] != self.rim[2]):
             return 0.0
         seen = _ring(self.side, self.upper)[:, :2] - self.rim[:2]
-        onwards = np.roll(seen, -1, axis=0)
-        twice = seen[:, 0] * onwards[:, 1] - seen[:, 1] * onwards[:, 0]
-        whole = float(twice.sum())
-        return float(np.maximum(-twice, 0.0).sum()) / whole if whole > 0.0 else 1.0
+        following = np.roll(seen, -1, axis=0)
+        areas = seen[:, 0] * following[:, 1] - seen[:, 1] * following[:, 0]
+        whole = float(areas.sum())
+        return float(np.maximum(-areas, 0.0).sum()) / whole if whole > 0.0 else 1.0
 
 
 def end_patches(side: Patch, end: End, *, upper: bool) -> tuple[Patch, ...]:
-    """What closes a side at an end, upwards, set onto the side's last ring, wherever that lies."""
+    """Patches that close a side at an end, from bottom to top; they begin at its last ring."""
     ring = _ring(side, upper)
     centroid = area_centroid(ring)
-    # From where the ring is seen whole: its centroid, if from nowhere or from there, too.
+    # The middle of the rim sees the whole ring: the centroid, if it does so, or no place does.
     seen_whole = are_star_shaped(ring[None, :, :2] - centroid)[0]
     kernel = None if seen_whole else kernel_point(ring[:, :2])
     shift = np.zeros(2) if kernel is None else kernel - centroid
@@ -434,21 +360,21 @@ def end_patches(side: Patch, end: End, *, upper: bool) -> tuple[Patch, ...]:
     gap = end.height - float(rim[2]) if end.height != end.rim else 0.0
     middle = np.array([*(end.middle + shift), rim[2] + gap]) if gap else rim
     curves = profile_curves(end.profile, gap)
-    found = tuple(EndPatch(side, curve, rim, middle, upper, end.relief) for curve in curves)
-    return found if upper else found[::-1]
+    patches = tuple(EndPatch(side, curve, rim, middle, upper, end.relief) for curve in curves)
+    return patches if upper else patches[::-1]
 
 
-def _ring(side: Patch, upper: bool) -> Floats:
-    """Points (n, 3) of a side's last ring."""
-    return side.at(np.full(RIM, 1.0 if upper else 0.0), np.arange(RIM) / RIM)
+def _ring(side: Patch, upper: bool, count: int = 720) -> Floats:
+    """Points (count, 3) of a side's last ring."""
+    return side.at(np.full(count, 1.0 if upper else 0.0), np.arange(count) / count)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SampledPatch:
-    """A spline through samples: see `Patch`."""
+    """A patch that is a spline through samples."""
 
     control: Floats  # (n, k, 3)
-    miss: float  # Largest distance from what was sampled, seen at places between the samples
+    miss: float  # largest distance from the sampled function, at places between the samples
 
     def at(self, v: Floats, turns: Floats, by: Orders = (0, 0)) -> Floats:
         """See `Patch.at`."""
@@ -470,11 +396,18 @@ class SampledPatch:
         return np.concatenate([self.control, self.control[:, : splines.CUBIC]], axis=1)
 
 
-def sampled_patch(grid: Grid, rows: int = ROWS, turns: int = TURNS) -> SampledPatch:
-    """Spline through so many evenly spaced points of a surface that is closed around."""
-    alongs, arounds = (np.linspace(0.0, 1.0, FINER * count + 1) for count in (rows, turns))
-    few = np.linspace(0.0, 1.0, FEW + 2)[1:-1]
-    lengths, widths = _ways(grid(alongs, few), axis=0), _ways(grid(few, arounds), axis=1)
+def sampled_patch(
+    grid: Grid, rows: int = 161, turns: int = 256, oversampling: int = 8, n_lines: int = 31
+) -> SampledPatch:
+    """Spline through evenly spaced points, `rows` by `turns`, of a surface that is closed around.
+
+    Lengths for the spacing are measured at `oversampling` times as many places, on `n_lines` lines
+    across.
+    """
+    alongs, arounds = (np.linspace(0.0, 1.0, oversampling * count + 1) for count in (rows, turns))
+    lines = np.linspace(0.0, 1.0, n_lines + 2)[1:-1]
+    lengths = _length_shares(grid(alongs, lines), axis=0)
+    widths = _length_shares(grid(lines, arounds), axis=1)
 
     def points(v: Floats, t: Floats) -> Floats:
         return grid(np.interp(v, lengths, alongs), np.interp(t, widths, arounds))
@@ -493,10 +426,14 @@ def sampled_patch(grid: Grid, rows: int = ROWS, turns: int = TURNS) -> SampledPa
     return SampledPatch(patch.control, float(off.max()))
 
 
-def _ways(points: Floats, axis: int) -> Floats:
-    """Share of the way along an axis of a grid of points at which each lies, on the mean."""
+def _length_shares(points: Floats, axis: int, parameter_share: float = 0.05) -> Floats:
+    """Mean share of the length along an axis of a grid of points (a, b, 3), at each point.
+
+    A `parameter_share` of it is the share of the parameter, so that lines without length have
+    places, too.
+    """
     steps = np.linalg.norm(np.diff(points, axis=axis), axis=-1).mean(axis=1 - axis)
     total = max(float(steps.sum()), np.finfo(float).tiny)
-    steps = (1.0 - SPREAD) * steps / total + SPREAD / len(steps)
-    ways = np.concatenate([[0.0], np.cumsum(steps)])
-    return np.asarray(ways / ways[-1])
+    steps = (1.0 - parameter_share) * steps / total + parameter_share / len(steps)
+    shares = np.concatenate([[0.0], np.cumsum(steps)])
+    return np.asarray(shares / shares[-1])

@@ -1,4 +1,4 @@
-"""Objects of known shape, and what a perfect finger touches of them."""
+"""Objects of known shape, and ideal contacts with them."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -24,7 +24,7 @@ def circle(count: int) -> Floats:
 
 
 def polar(turns: Floats, radius: Floats | float) -> Floats:
-    """Points (k, 2) at these distances from the origin."""
+    """Points (k, 2) at polar angles [turns] and distances from the origin."""
     angle = 2.0 * np.pi * turns
     rim = np.column_stack([np.cos(angle), np.sin(angle)])
     return np.asarray(np.asarray(radius).reshape(-1, 1) * rim)
@@ -35,8 +35,13 @@ def at_height(plane: Floats, height: float) -> Floats:
     return np.column_stack([plane, np.full(len(plane), height)])
 
 
+def column(count: int) -> list[Floats]:
+    """Contours of a round column of radius 30, from -49.5 to 49.5."""
+    return [at_height(30.0 * circle(60), z) for z in np.linspace(-49.5, 49.5, count)]
+
+
 def slow(*values: Any) -> Any:
-    """A case of a table that is left out unless all are asked for."""
+    """A slow case of a parametrised test."""
     return pytest.param(*values, marks=pytest.mark.slow)
 
 
@@ -53,21 +58,21 @@ def assert_derivatives(
     share: float = 1.0,
     on_grid: Callable[[Floats, Floats, Orders], Floats] | None = None,
 ) -> None:
-    """Derivatives (n, 3), to second order, are those of differences, but for a share of places.
+    """Assert that derivatives (n, 3), up to second order, equal differences at a share of places.
 
-    And what a surface answers on a grid is what it answers at each place of it.
+    If `on_grid` is given, its results equal those at each place of the grid.
     """
     for by in [(0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2)]:
-        found = at(v, turns, by)
-        size = max(float(np.abs(found).max()), float(np.abs(at(v, turns, (0, 0))).max()))
+        values = at(v, turns, by)
+        size = max(float(np.abs(values).max()), float(np.abs(at(v, turns, (0, 0))).max()))
         if on_grid is not None:
             grid = on_grid(v, turns, by)[np.arange(len(v)), np.arange(len(v))]
-            assert np.abs(grid - found).max() < 1e-9 * size
+            assert np.abs(grid - values).max() < 1e-9 * size
         h, t = (1e-5, 0.0) if by[0] else (0.0, 1e-5)
         lower = (by[0] - 1, by[1]) if by[0] else (0, by[1] - 1)
         if sum(by):
             slopes = (at(v + h, turns + t, lower) - at(v - h, turns - t, lower)) / 2e-5
-            assert np.quantile(np.abs(found - slopes).max(axis=1), share) < tolerance * size
+            assert np.quantile(np.abs(values - slopes).max(axis=1), share) < tolerance * size
 
 
 def contacts(points: Floats, normals: Floats | None, touch: Any = None) -> ContactPoints:
@@ -77,7 +82,7 @@ def contacts(points: Floats, normals: Floats | None, touch: Any = None) -> Conta
 
 
 def is_closed(solid: LatticeSolid, tolerance: float | None = None) -> bool:
-    """Whether the mesh is closed and a ball's in topology, and all figures are finite."""
+    """Whether the mesh is closed and of genus 0, and all figures are finite."""
     mesh = solid.mesh(tolerance)
     body = solidity(mesh.vertices, mesh.faces)
     finite = np.isfinite(mesh.vertices).all() and np.isfinite([*solid.health().values()]).all()
@@ -107,14 +112,14 @@ class Oracle:
         return contacts(points, gradient / np.linalg.norm(gradient, axis=1, keepdims=True))
 
     def band(self, share: float) -> ContactPoints:
-        """What touches along a contour meet above and below it."""
+        """Contacts of touches along a contour, in a band above and below it."""
         half = BAND * self.scale / self.shape.size[2]
         levels = np.linspace(share - half, share + half, 9)
         rings = [self.section(level) for level in levels if abs(level) < 1.0]
         return self.contacts_at(np.concatenate(rings))
 
     def top(self) -> ContactPoints:
-        """What touches from above meet over the middle 0.4 of the width."""
+        """Contacts of touches from above, over the middle 0.42 of the width."""
         grid = np.stack(np.meshgrid(*2 * (np.linspace(-0.42, 0.42, 12),)), axis=-1)
         reach = 3.0 * self.shape.size[2]
         origins = at_height(grid.reshape(-1, 2) * self.shape.size[:2], reach)
@@ -172,7 +177,7 @@ def _kidney(turns: Floats, z: float) -> Floats:
     return turned(polar(bend / (2 * np.pi), width) - [0.28, 0.0], 0.6 * z)
 
 
-# Objects between the heights -1 and 1: places at even parameters belong together.
+# Objects between the heights -1 and 1: places at equal parameters correspond.
 SECTIONS: dict[str, Section] = {
     "lobed": _lobed,
     "three lobes": lambda t, z: turned(
@@ -190,7 +195,7 @@ SECTIONS: dict[str, Section] = {
 
 
 def sampled(name: str, heights: Floats, count: int, noise: float = 0.0, seed: int = 0) -> Floats:
-    """Places (m, count, 2) at even parameters, which correspond, with noise."""
+    """Corresponding places (m, count, 2) at even parameters, with noise."""
     grid = np.stack([SECTIONS[name](np.arange(count) / count, float(z)) for z in heights])
     return grid + noise * np.random.default_rng(seed).normal(size=grid.shape)
 
@@ -205,7 +210,7 @@ def curve_distances(rim: Floats, points: Floats) -> Floats:
 
 
 def section_distances(name: str, points: Floats) -> Floats:
-    """Distances (n,) of points (n, 3) from the object within their level."""
+    """Distances (n,) of points (n, 3) from the object's section at their height."""
     turns = np.arange(1600) / 1600
     rims = [SECTIONS[name](turns, float(z)) for z in points[:, 2]]
     pairs = zip(rims, points[:, None, :2], strict=True)
@@ -213,24 +218,24 @@ def section_distances(name: str, points: Floats) -> Floats:
 
 
 class Traced:
-    """Contours of an object, as different hands trace it."""
+    """Contours of an object with random starts, directions and numbers of points."""
 
     def __init__(self, section: Section | str, seed: int = 0):
         self.section = SECTIONS[section] if isinstance(section, str) else section
         self.rng = np.random.default_rng(seed)
 
     def contour(self, height: float, points: int) -> Floats:
-        """Points (n, 3) at even lengths: a quarter more or fewer, begun and directed anyhow."""
+        """Points (n, 3) at even lengths, 0.8 to 1.25 times as many as `points`."""
         around = self.section(np.arange(4000) / 4000, height)
         closed = np.vstack([around, around[:1]])
         lengths = np.linalg.norm(np.diff(closed, axis=0), axis=1)
         ends = np.concatenate([[0.0], np.cumsum(lengths)])
         count = int(points * self.rng.uniform(0.8, 1.25))
         at = np.mod(self.rng.uniform() + np.arange(count) / count, 1.0) * ends[-1]
-        found = np.column_stack([np.interp(at, ends, closed[:, axis]) for axis in (0, 1)])
-        return at_height(found[::-1] if self.rng.uniform() < 0.5 else found, height)
+        traced = np.column_stack([np.interp(at, ends, closed[:, axis]) for axis in (0, 1)])
+        return at_height(traced[::-1] if self.rng.uniform() < 0.5 else traced, height)
 
     def contours(self, heights: Floats, points: int, noise: float = 0.0) -> list[Floats]:
-        """One at each height, with noise in all three coordinates."""
+        """A contour at each height, with noise in all three coordinates."""
         traced = [self.contour(float(height), points) for height in heights]
         return [one + noise * self.rng.normal(size=one.shape) for one in traced]

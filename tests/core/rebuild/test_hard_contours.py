@@ -1,4 +1,4 @@
-"""Contours of which something is wrong, and shapes on which rebuilding easily fails."""
+"""Faulty contours, and shapes on which rebuilding easily fails."""
 
 from typing import Any
 
@@ -7,12 +7,12 @@ import pytest
 
 from palpate.core.arrays import Floats
 from palpate.core.rebuild import LatticeSolid, reconstruct
-from tests.core.rebuild.objects import SECTIONS, at_height, circle, is_closed, polar, slow
+from tests.core.rebuild.objects import SECTIONS, at_height, circle, column, is_closed, polar, slow
 
 HALF = 50.0
 HEIGHTS = np.linspace(-49.0, 49.0, 9)
 TOPS = np.array([[0.0, 0.0, HALF], [0.0, 0.0, -HALF]])
-VOLUME = 30.0**2 * np.pi * (1.0 + 0.1**2 / 2.0) * 2 * HALF  # Of the lobed column
+VOLUME = 30.0**2 * np.pi * (1.0 + 0.1**2 / 2.0) * 2 * HALF  # of the lobed column
 
 
 def ring(z: float, count: int = 60, radius: float = 30.0) -> Floats:
@@ -29,14 +29,10 @@ def skin(contours: Any, tops: Any = TOPS, **more: Any) -> LatticeSolid:
     return reconstruct(contours, tops=tops, method="skin", **more)
 
 
-def prism(count: int) -> list[Floats]:
-    return [at_height(30.0 * circle(60), z) for z in np.linspace(-49.5, 49.5, count)]
-
-
-def same(one: LatticeSolid, other: LatticeSolid) -> float:
+def same(first: LatticeSolid, second: LatticeSolid) -> float:
     """Largest distance at the same places, over the size."""
     v, turns = np.linspace(0.0, 1.0, 33)[:, None], np.arange(40) / 40
-    return float(np.abs(one.surface.at(v, turns) - other.surface.at(v, turns)).max()) / 30.0
+    return float(np.abs(first.surface.at(v, turns) - second.surface.at(v, turns)).max()) / 30.0
 
 
 ANGLE = 2 * np.pi * np.arange(80) / 80
@@ -66,10 +62,10 @@ LINE = np.column_stack([np.linspace(0, 1, 9), np.linspace(0, 2, 9), np.full(9, 2
     ],
 )
 def test_dropped_contour_says_why_and_leaves_solid_of_others(extra, which, why):
-    given = [*rings(), extra]
-    solid = skin(given)
+    contours = [*rings(), extra]
+    solid = skin(contours)
     assert [one[:2] for one in solid.slices.dropped] == [(which, why)]
-    assert same(solid, skin(given[:which] + given[which + 1 :])) == 0.0
+    assert same(solid, skin(contours[:which] + contours[which + 1 :])) == 0.0
 
 
 @pytest.mark.parametrize(
@@ -86,7 +82,7 @@ def test_dropped_contour_says_why_and_leaves_solid_of_others(extra, which, why):
         ([at_height(30.0 * SECTIONS["star"](TURNS, z / 50), z) for z in HEIGHTS], NONE),
     ],
 )  # fmt: skip
-def test_figures_of_contours(contours, figures):
+def test_health_counts_kinds_of_contours(contours, figures):
     health = skin(contours).health()
     assert {name: health[name] for name in figures} == figures
 
@@ -105,16 +101,16 @@ def test_contour_that_is_point_touches_its_end(radius):
 
 
 @pytest.mark.parametrize(("count", "off"), [(1, 1e-3), (2, 0.01), (3, 5e-3), (5, 1e-3)])
-def test_few_contours_are_a_closed_solid(count, off):
+def test_few_contours_give_closed_solid(count, off):
     solid = skin([ring(0.0)] if count == 1 else rings(count))
     assert is_closed(solid)
     assert solid.volume == pytest.approx(VOLUME, rel=off)
     assert solid.health()["reparametrised"] == 0.0
     exact = skin([ring(0.0)] if count == 1 else rings(count), noise=1.0)
-    assert exact.health()["outlying_points"] == 0.0  # However much noise is declared
+    assert exact.health()["outlying_points"] == 0.0  # whatever noise is stated
 
 
-def test_contour_of_other_size_may_be_dropped_feature():
+def test_dropped_contour_of_other_size_may_be_feature():
     contours = rings(27)
     contours[11] = contours[11] * [1.3, 1.3, 1.0]
     solid = skin(contours)
@@ -127,8 +123,8 @@ def test_contour_of_other_size_may_be_dropped_feature():
 
 
 @pytest.mark.parametrize("count", [6, slow(9), 11, 12])
-def test_neck_that_one_contour_touched_stays_among_few(count):
-    contours = prism(count)
+def test_neck_of_one_contour_stays_among_few(count):
+    contours = column(count)
     which = count // 2
     contours[which] = contours[which] * [0.8, 0.8, 1.0]
     solid = skin(contours)
@@ -138,21 +134,21 @@ def test_neck_that_one_contour_touched_stays_among_few(count):
     assert (kept, dropped) == (([which], []) if count < 12 else ([], [(which, True)]))
     assert solid.health()["suspicious"] == len(listed)
     assert all(4.0 < off < 8.0 for _, off in listed)
-    lobes = 1 + 0.3 * np.cos(6 * np.pi * np.arange(60) / 60)  # Of another shape it goes
+    lobes = 1 + 0.3 * np.cos(6 * np.pi * np.arange(60) / 60)  # a neck of another shape is dropped
     contours[which] = contours[which] * lobes[:, None] ** [1, 1, 0]
     other = [(one.which, one.may_be_feature) for one in skin(contours).slices.dropped]
     assert other == [(which, False)] or count < 9
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.2])
-def test_step_between_close_contours_does_not_swing_out(noise):
+def test_side_does_not_oscillate_at_step_between_close_contours(noise):
     rng = np.random.default_rng(1)
     near = 6.0 + np.concatenate([rng.uniform(-3.0, 0.0, 2), 0.1 + rng.uniform(0.0, 3.0, 2)])
-    given = []
+    contours = []
     for z in np.concatenate([rng.uniform(-49, 49, 12), near]):
-        one = at_height((30.0 if z < 6.05 else 18.0) * circle(60), z)
-        given.append(one + noise * rng.normal(size=one.shape))
-    solid = skin(given)
+        contour = at_height((30.0 if z < 6.05 else 18.0) * circle(60), z)
+        contours.append(contour + noise * rng.normal(size=contour.shape))
+    solid = skin(contours)
     heights = np.linspace(-49, 49, 997)
     radius = np.linalg.norm(solid.side.patch.rings(heights, np.arange(60) / 60), axis=2)
     assert radius.max() < 30.0 + 0.02 * 60.0
@@ -162,31 +158,31 @@ def test_step_between_close_contours_does_not_swing_out(noise):
     assert solid.overshoot < 0.02 and health["overshoot"] == solid.overshoot
 
 
-def test_stray_points_are_left_out_and_counted():
+def test_outlying_points_are_left_out_and_counted():
     rng = np.random.default_rng(1)
-    contours = [one + 0.2 * rng.normal(size=one.shape) for one in rings(9, 81)]
+    contours = [contour + 0.2 * rng.normal(size=contour.shape) for contour in rings(9, 81)]
     clean = skin(contours)
-    for one, place in zip(contours, rng.integers(0, 81, 9), strict=True):
+    for contour, place in zip(contours, rng.integers(0, 81, 9), strict=True):
         away = rng.normal(size=3) * [1.0, 1.0, 0.0]
-        one[place] += 3.0 * away / np.linalg.norm(away)
+        contour[place] += 3.0 * away / np.linalg.norm(away)
     solid = skin(contours)
     assert 7.0 <= solid.health()["outlying_points"] <= 9.0
     assert clean.health()["outlying_points"] == 0.0
     assert same(solid, clean) < 0.01
 
 
-def test_mesh_of_noise_stays_small_and_wild_side_closes():
+def test_noisy_mesh_stays_small_and_oscillating_side_closes():
     rng = np.random.default_rng(0)
     solid = skin([one + 5.0 * rng.normal(size=one.shape) * [1.0, 1.0, 0.0] for one in rings()])
     assert len(solid.mesh().faces) < 100_000
-    wild = [one * [0.1, 0.1, 1.0] if row % 2 else one for row, one in enumerate(prism(9))]
+    wild = [one * [0.1, 0.1, 1.0] if row % 2 else one for row, one in enumerate(column(9))]
     rebuilt = skin(wild, None)
     for share in (0.002, 0.05, 100.0):
         assert is_closed(rebuilt, share * rebuilt.surface.size)
 
 
 @pytest.mark.parametrize(("ratio", "count"), [(20.0, 200), (50.0, 24)])
-def test_blade_has_its_volume(ratio, count):
+def test_thin_blade_has_its_volume(ratio, count):
     angles = 2.0 * np.pi * np.arange(count) / count
     plane = 50.0 * np.column_stack([np.cos(angles), np.sin(angles) / ratio])
     solid = skin([at_height(plane, z) for z in HEIGHTS], None)
@@ -195,7 +191,7 @@ def test_blade_has_its_volume(ratio, count):
 
 
 @pytest.mark.parametrize("order", ["shuffled", slow("by columns"), slow("zigzag"), slow("doubled")])
-def test_points_in_no_order_give_solid_of_those_in_order(order):
+def test_shuffled_points_give_solid_of_ordered_points(order):
     rng = np.random.default_rng(3)
     radius = 30.0 * (1.0 + 0.1 * np.cos(6 * np.pi * np.arange(40) / 40))
     ordered = [at_height(radius[:, None] * circle(40), z) for z in HEIGHTS]
@@ -211,10 +207,10 @@ def test_points_in_no_order_give_solid_of_those_in_order(order):
         skin([CLUTTER + [0.0, 0.0, z] for z in HEIGHTS], None)
 
 
-def test_stated_error_knows_points_of_leaning_contours():
+def test_stated_error_includes_points_of_tilted_contours():
     contours = [at_height(30.0 * circle(40), 4.0 * number) for number in range(7)]
-    for number, one in enumerate(contours):
-        one[:, 2] += np.tan(np.radians(5.0)) * (one[:, 0] if number % 2 else one[:, 1])
+    for number, contour in enumerate(contours):
+        contour[:, 2] += np.tan(np.radians(5.0)) * (contour[:, 0] if number % 2 else contour[:, 1])
     solid = skin(contours, None)
     missed = solid.signed_distance(np.concatenate(contours))
     stated, all_of_it = solid.uncertainty(), solid.whole_deviation()
@@ -234,7 +230,7 @@ def stack(corners: list[list[float]]) -> list[Floats]:
     return [at_height(plane, z) for z in np.linspace(0.0, 5.0, 6)]
 
 
-def test_ends_of_angle_do_not_fold_and_of_clamp_do():
+def test_ends_of_clamp_fold_and_of_angle_do_not():
     angle = stack([[0, 0], [4, 0], [4, 1], [1, 1], [1, 4], [0, 4]])
     clamp = stack([[0, 0], [4, 0], [4, 1], [1, 1], [1, 3], [4, 3], [4, 4], [0, 4]])
     for tops in (None, [[1, 1, -1.0], [1, 1, 6.0]]):
@@ -252,22 +248,23 @@ def test_ends_of_angle_do_not_fold_and_of_clamp_do():
     assert folded["folded_above"] > 0.2
 
 
-def test_any_contours_give_closed_solid_or_refusal():
+def test_any_contours_give_closed_solid_or_error():
     rng = np.random.default_rng(0)
     for trial in range(14):
-        given = []
-        for _ in range(rng.integers(1, 8)):  # Contours of which anything may be wrong
+        contours = []
+        for _ in range(rng.integers(1, 8)):  # contours with random faults
             turns, radius = (
                 np.sort(rng.random(rng.choice([0, 1, 3, 5, 24]))),
                 rng.choice([0, 1e-3, 1]),
             )
-            one = at_height(polar(turns, radius) + rng.choice([0.0, 0.0, 2.0]), rng.integers(-3, 4))
-            one += rng.choice([0.0, 0.0, 0.01, 0.5]) * rng.normal(size=one.shape)
-            if len(one) and rng.random() < 0.5:
-                one[rng.integers(len(one))] = rng.choice([np.nan, np.inf, 7.0])
-            given.append(10.0 ** (9 * (trial % 3 - 1)) * one)
+            plane = polar(turns, radius) + rng.choice([0.0, 0.0, 2.0])
+            contour = at_height(plane, rng.integers(-3, 4))
+            contour += rng.choice([0.0, 0.0, 0.01, 0.5]) * rng.normal(size=contour.shape)
+            if len(contour) and rng.random() < 0.5:
+                contour[rng.integers(len(contour))] = rng.choice([np.nan, np.inf, 7.0])
+            contours.append(10.0 ** (9 * (trial % 3 - 1)) * contour)
         try:
-            solid = skin(given, None)
+            solid = skin(contours, None)
         except ValueError as error:
             assert len(str(error)) > 20
         else:

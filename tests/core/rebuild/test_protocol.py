@@ -1,4 +1,4 @@
-"""What every solid answers, whatever it was rebuilt from: the laws of `palpate.Solid`."""
+"""The interface of all solids, `palpate.Solid`, whatever they were rebuilt from."""
 
 import sys
 from dataclasses import fields
@@ -17,8 +17,8 @@ RING, TUBE = 0.028, 0.011
 
 @pytest.fixture(scope="module")
 def normals():
-    found = np.random.default_rng(0).normal(size=(300, 3))
-    return found / np.linalg.norm(found, axis=1, keepdims=True)
+    vectors = np.random.default_rng(0).normal(size=(300, 3))
+    return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
 
 
 @pytest.fixture(scope="module")
@@ -70,7 +70,7 @@ SHAPES = {
 
 @pytest.fixture(params=sorted(SHAPES))
 def shape(request):
-    """A solid of each class, with its true distance, volume, area and genus, and how far off."""
+    """A solid of each class, with its true distance, volume, area, genus, and a tolerance."""
     return (request.getfixturevalue(request.param), *SHAPES[request.param])
 
 
@@ -126,7 +126,7 @@ def test_exported_solid_is_loaded_again(shape, suffix, tmp_path):
     assert again.bounds == pytest.approx(solid.bounds, abs=1e-8)
 
 
-def test_refusals_of_export(torus, tmp_path):
+def test_export_rejects_unknown_suffix_and_missing_folder(torus, tmp_path):
     with pytest.raises(InputError, match=r"a\.foo: must end in one of \.ply, \.stl"):
         torus.export(tmp_path / "a.foo")
     with pytest.raises(InputError, match=r"a\.stl: cannot be written: there is no folder"):
@@ -134,7 +134,7 @@ def test_refusals_of_export(torus, tmp_path):
     assert not [*tmp_path.iterdir()]
 
 
-def test_mesh_that_is_no_body_says_why():
+def test_check_names_faults_of_meshes():
     coarse = trimesh.creation.torus(RING, TUBE, major_sections=48, minor_sections=24)
     torus = palpate.MeshSolid(coarse.vertices, coarse.faces)
     faces = torus.faces.copy()
@@ -153,7 +153,7 @@ def test_mesh_that_is_no_body_says_why():
 
 
 @pytest.mark.parametrize("ask", ["distance", "signed_distance", "normal"])
-def test_refusals_of_points(shape, ask):
+def test_queries_reject_invalid_points(shape, ask):
     for points in ([[np.nan, 0.0, 0.0]], [0.0, 0.0, 0.0], [[0.0, 0.0]], "abc"):
         with pytest.raises(ValueError, match=r"points must"):
             getattr(shape[0], ask)(points)
@@ -194,7 +194,7 @@ def test_solid_is_shown_by_viser_on_loopback_alone(ball, monkeypatch, capsys):
 
 
 @pytest.mark.parametrize("name", ["ball", "cylinder", "torus"])
-def test_saved_solid_is_loaded_the_same(name, request, tmp_path):
+def test_saved_solid_is_loaded_unchanged(name, request, tmp_path):
     solid = request.getfixturevalue(name)
     palpate.save(solid, tmp_path / "solid.npz")
     again = palpate.load(tmp_path / "solid.npz")
@@ -210,11 +210,11 @@ def test_saved_solid_is_loaded_the_same(name, request, tmp_path):
         ("torus", "<MeshSolid 0.078 x 0.078 x 0.022 m, of 36864 triangles>"),
     ],
 )
-def test_solid_and_its_records_have_short_repr(name, line, request):
+def test_repr_of_solid_and_records_is_short(name, line, request):
     solid = request.getfixturevalue(name)
     assert repr(solid) == line
-    records = [getattr(solid, one.name) for one in fields(solid)]
+    records = [getattr(solid, record.name) for record in fields(solid)]
     records += [solid.mesh(), solid.check(), solid.measures(), solid.closest([[0, 0, 0]])]
-    for one in records:
-        if not isinstance(one, np.ndarray):
-            assert len(repr(one)) < 1000 and repr(one).count("\n") < 9, type(one)
+    for record in records:
+        if not isinstance(record, np.ndarray):
+            assert len(repr(record)) < 1000 and repr(record).count("\n") < 9, type(record)

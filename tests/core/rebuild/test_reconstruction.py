@@ -19,7 +19,7 @@ from palpate.core.rebuild.contours import ContactPoints
 from palpate.core.rebuild.recovery import Recovery
 from palpate.core.shapes import Bend, Superquadric, area_samples, sampled_surface
 from palpate.core.splines import SplineVolume
-from tests.core.rebuild.objects import Oracle, at_height, circle, slow
+from tests.core.rebuild.objects import Oracle, at_height, circle, column, slow
 
 SLOW = [slow(method) for method in ("thesis", "coarse")]
 POSE = np.concatenate([[0.03, -0.2, 0.05], np.array([0.1, -0.5, 0.5, 0.7])])
@@ -51,10 +51,6 @@ ELLIPSOID = ellipsoid(np.linspace(-29.5, 29.5, 15))
 VOLUME = 4 / 3 * np.pi * float(AXES.prod())
 
 
-def prism(count: int) -> list[Floats]:
-    return [at_height(30.0 * circle(60), z) for z in np.linspace(-49.5, 49.5, count)]
-
-
 @cache
 def whole(method: Method, faithful: bool = False) -> LatticeSolid:
     return reconstruct(ELLIPSOID, method=method, faithful=faithful)
@@ -82,13 +78,13 @@ def places(solid: LatticeSolid) -> Floats:
     return solid.surface.at(V, TURNS).reshape(-1, 3)
 
 
-def apart(one: LatticeSolid, other: LatticeSolid) -> float:
-    return float(np.abs(places(one) - places(other)).max())
+def apart(first: LatticeSolid, second: LatticeSolid) -> float:
+    return float(np.abs(places(first) - places(second)).max())
 
 
-def apart_moved(one: LatticeSolid, other: LatticeSolid) -> float:
-    """How far the first, moved, is from the second, over the size."""
-    return float(np.abs(moved(places(one)) - places(other)).max()) / SIZE
+def apart_moved(first: LatticeSolid, second: LatticeSolid) -> float:
+    """Largest distance of the first solid, moved, from the second, over the size."""
+    return float(np.abs(moved(places(first)) - places(second)).max()) / SIZE
 
 
 @pytest.mark.parametrize(
@@ -97,12 +93,12 @@ def apart_moved(one: LatticeSolid, other: LatticeSolid) -> float:
         ("lattice", False, 2e-4),
         ("skin", False, 2e-4),
         ("draft", False, 2e-4),
-        ("thesis", False, 0.06),  # It closes with cones
-        slow("thesis", True, None),  # Its volume is wrong
+        ("thesis", False, 0.06),  # it closes with cones
+        slow("thesis", True, None),  # its volume is wrong
         ("coarse", False, 1e-6),
     ],
 )
-def test_each_method_gives_closed_solid_of_true_volume(method, faithful, off):
+def test_every_method_gives_closed_solid_of_true_volume(method, faithful, off):
     solid = whole(method, faithful)
     mesh = solid.mesh()
     body = solidity(mesh.vertices, mesh.faces)
@@ -126,17 +122,17 @@ def test_each_method_gives_closed_solid_of_true_volume(method, faithful, off):
 
 
 @pytest.mark.parametrize(("scale", "offset"), [(1e-9, 0.0), slow(1e3, 1e3)])
-def test_unit_and_place_change_nothing(scale, offset):
-    given = [scale * one + offset for one in EGG]
-    solid = reconstruct(given, tops=scale * TOPS + offset)
+def test_unit_and_position_do_not_change_solid(scale, offset):
+    contours = [scale * one + offset for one in EGG]
+    solid = reconstruct(contours, tops=scale * TOPS + offset)
     off = (places(solid) - offset) / scale - places(upright())
     assert np.abs(off).max() < 1e-6 * SIZE
     assert solid.volume / scale**3 == pytest.approx(upright().volume, rel=1e-6)
-    told, usual = (one.whole_deviation() for one in (solid, upright()))
-    assert told.whole == pytest.approx(scale * usual.whole, rel=1e-5)
+    stated, usual = (one.whole_deviation() for one in (solid, upright()))
+    assert stated.whole == pytest.approx(scale * usual.whole, rel=1e-5)
 
 
-def test_order_direction_start_and_repeated_points_change_nothing():
+def test_order_direction_start_and_repeated_points_do_not_change_solid():
     rolled = [np.roll(one, 7 * i, axis=0)[:: 1 - 2 * (i % 2)] for i, one in enumerate(EGG)]
     spoilt = [np.insert(one, 5, [np.nan, 0.0, np.inf], axis=0) for one in EGG]
     variants = [
@@ -148,85 +144,87 @@ def test_order_direction_start_and_repeated_points_change_nothing():
     framed = reconstruct(EGG, tops=TOPS, method="skin", frame=IDENTITY_POSE)
     assert framed.frame is None
     assert np.array_equal(*map(tree_to_bytes, (framed, upright("skin"))))
-    for given in variants:
-        assert apart(reconstruct(given, tops=TOPS, method="skin"), upright("skin")) < 1e-12 * SIZE
+    for contours in variants:
+        solid = reconstruct(contours, tops=TOPS, method="skin")
+        assert apart(solid, upright("skin")) < 1e-12 * SIZE
 
 
 @pytest.mark.parametrize("method", ["lattice", "skin", *SLOW])
 def test_solid_of_moved_contours_is_moved_solid(method):
-    one, other = upright(method), tilted(method)
-    # A superquadric is found by iterations, which end at a cosine of 1e-9.
-    assert apart_moved(one, other) < (1e-10 if method == "coarse" else 1e-12)
-    assert other.uncovered == pytest.approx(one.uncovered, abs=1e-12)
-    assert one.frame is None
+    still, other = upright(method), tilted(method)
+    # A superquadric is fitted by iterations that end at a cosine of 1e-9.
+    assert apart_moved(still, other) < (1e-10 if method == "coarse" else 1e-12)
+    assert other.uncovered == pytest.approx(still.uncovered, abs=1e-12)
+    assert still.frame is None
     assert np.array_equal(np.array(other.frame), POSE)
     v, turns = np.random.default_rng(0).uniform(0.1, 0.9, (2, 50))
-    before, after = (each.surface.curvatures(v, turns).k1 for each in (one, other))
-    normals = one.surface.normals(v, turns)
+    before, after = (each.surface.curvatures(v, turns).k1 for each in (still, other))
+    normals = still.surface.normals(v, turns)
     assert other.surface.normals(v, turns) == pytest.approx(rotated(normals), abs=1e-9)
     assert after == pytest.approx(before, rel=1e-6, abs=1e-6 / SIZE)
 
 
 @pytest.mark.slow
 def test_measures_distances_and_deviations_move_with_solid():
-    one, other = upright(), tilted()
-    before, after = one.measures(), other.measures()
+    base, other = upright(), tilted()
+    before, after = base.measures(), other.measures()
     assert after.area_m2 == pytest.approx(before.area_m2, rel=1e-12)
     assert after.volume_m3 == pytest.approx(before.volume_m3, rel=1e-12)
-    # Quadrature along the world's axes errs differently.
+    # Quadrature along the world's axes has another error.
     assert after.centroid_m == pytest.approx(moved(before.centroid_m[None])[0], abs=1e-6 * SIZE)
     points = 0.03 * np.random.default_rng(0).normal(size=(40, 3))
-    near, there = one.search().nearest(points), other.search().nearest(moved(points))
+    near, there = base.search().nearest(points), other.search().nearest(moved(points))
     assert there.distances == pytest.approx(near.distances, abs=1e-9)
     assert there.points == pytest.approx(moved(near.points), abs=1e-9)
     heights, turns = np.linspace(-0.04, 0.04, 5), np.arange(4) / 4
-    assert other.deviation(heights, turns) == pytest.approx(one.deviation(heights, turns), rel=1e-6)
-    assert other.slices.heights == pytest.approx(one.slices.heights, abs=1e-14)
+    stated = base.deviation(heights, turns)
+    assert other.deviation(heights, turns) == pytest.approx(stated, rel=1e-6)
+    assert other.slices.heights == pytest.approx(base.slices.heights, abs=1e-14)
 
 
-@pytest.mark.parametrize("given", ["contacts", slow("normals"), slow("grasp")])
-def test_other_evidence_moves_with_frame(given):
+@pytest.mark.parametrize("evidence", ["contacts", slow("normals"), slow("grasp")])
+def test_contacts_normals_and_grasp_move_with_frame(evidence):
     true = Oracle([0.03, 0.02, 0.045], [1.0, 1.0])
     rings, touched, tops = true.evidence(np.linspace(-0.9, 0.9, 7))
     here: dict[str, Any] = {"method": "skin", "tops": tops}
     there: dict[str, Any] = {"method": "skin", "tops": moved(tops), "frame": POSE}
-    if given == "contacts":
+    if evidence == "contacts":
         normals = rotated(np.asarray(touched.normals))
         here["patches"] = touched
         there["patches"] = ContactPoints(moved(touched.points), normals, touched.touch)
-    elif given == "normals":
-        across = [np.asarray(true.contacts_at(one).normals).copy() for one in rings]
-        across[2][7] = np.nan  # One that was not measured
+    elif evidence == "normals":
+        across = [np.asarray(true.contacts_at(still).normals).copy() for still in rings]
+        across[2][7] = np.nan  # not measured
         here["normals"], there["normals"] = across, [rotated(each) for each in across]
     else:
-        found = reconstruct(rings, method="coarse").model
-        assert isinstance(found, Recovery)
-        here |= {"grasp": found, "method": "lattice"}
-        pose = (Pose.from_array(POSE) @ Pose.from_array(found.pose)).array
-        there |= {"grasp": replace(found, pose=pose), "method": "lattice"}
-    one = reconstruct(rings, **here)
+        grasp = reconstruct(rings, method="coarse").model
+        assert isinstance(grasp, Recovery)
+        here |= {"grasp": grasp, "method": "lattice"}
+        pose = (Pose.from_array(POSE) @ Pose.from_array(grasp.pose)).array
+        there |= {"grasp": replace(grasp, pose=pose), "method": "lattice"}
+    still = reconstruct(rings, **here)
     other = reconstruct([moved(each) for each in rings], **there)
-    assert one.health().get("radial_unused", 0.0) == 0.0
-    assert apart_moved(one, other) < (1e-9 if given == "grasp" else 1e-12)
-    told, usual = other.whole_deviation(), one.whole_deviation()
-    assert told.whole == pytest.approx(usual.whole, rel=1e-6)
+    assert still.health().get("radial_unused", 0.0) == 0.0
+    assert apart_moved(still, other) < (1e-9 if evidence == "grasp" else 1e-12)
+    stated, usual = other.whole_deviation(), still.whole_deviation()
+    assert stated.whole == pytest.approx(usual.whole, rel=1e-6)
 
 
 @pytest.mark.parametrize("method", ["lattice", "skin", *SLOW])
-def test_archived_solid_returns_bit_for_bit(method):
+def test_archived_solid_is_read_back_bit_for_bit(method):
     back = tree_from_arrays(tree_to_arrays(tilted(method)))
     assert np.array_equal(*map(tree_to_bytes, (back, tilted(method))))
     assert np.array_equal(places(back), places(tilted(method)))
     assert np.array_equal(back.mesh().vertices, tilted(method).mesh().vertices)
 
 
-def test_control_lattices_stand_in_world():
+def test_control_lattices_are_in_world_frame():
     inside = np.random.default_rng(1).random((20, 3))
-    one, there = upright(), tilted().control_lattice
-    assert one.lattice is not None and there is not None
-    assert one.control_lattice is one.lattice.lattice
-    local = one.lattice.prism.points(inside)
-    deformed = one.lattice.lattice.deform(local)
+    still, there = upright(), tilted().control_lattice
+    assert still.lattice is not None and there is not None
+    assert still.control_lattice is still.lattice.lattice
+    local = still.lattice.prism.points(inside)
+    deformed = still.lattice.lattice.deform(local)
     assert there.deform(moved(local)) == pytest.approx(moved(deformed), abs=1e-12)
     assert upright("skin").control_lattice is None is upright("coarse").control_lattice
     point = np.array([[0.034, 0.0, 0.004], [0.0, 0.03, 0.02]])
@@ -236,12 +234,12 @@ def test_control_lattices_stand_in_world():
 
 
 @pytest.mark.slow
-def test_lattice_of_thesis_stands_in_world():
+def test_lattice_of_thesis_is_in_world_frame():
     inside = np.random.default_rng(1).random((20, 3))
     old, new = (solid("thesis").control_lattice for solid in (upright, tilted))
-    for one, other in ((old.volume, new.volume), (old.undeformed, new.undeformed)):
+    for still, other in ((old.volume, new.volume), (old.undeformed, new.undeformed)):
         assert isinstance(other, SplineVolume)
-        assert other.at(inside) == pytest.approx(moved(one.at(inside)), abs=1e-12)
+        assert other.at(inside) == pytest.approx(moved(still.at(inside)), abs=1e-12)
 
 
 COLUMN_TOPS = np.array([[0.0, 0.0, 50.0], [0.0, 0.0, -50.0]])
@@ -250,19 +248,19 @@ COLUMN_TOPS = np.array([[0.0, 0.0, 50.0], [0.0, 0.0, -50.0]])
 @pytest.mark.parametrize("method", ["skin", slow("lattice")])
 def test_updated_solid_equals_solid_of_all_contours(method):
     noise = 2e-4 * np.random.default_rng(0).normal(size=(11, 60, 3))
-    given = [one + noise[i, : len(one)] for i, one in enumerate(EGG)]
-    given[4][7, :2] *= 1.1  # A point far off
-    at_once = reconstruct([*given, given[4]], tops=TOPS, method=method)
-    updated = reconstruct(given[:-1], tops=TOPS, method=method).update(given[-1])
-    updated = updated.update(given[4])
+    contours = [one + noise[i, : len(one)] for i, one in enumerate(EGG)]
+    contours[4][7, :2] *= 1.1  # an outlier
+    at_once = reconstruct([*contours, contours[4]], tops=TOPS, method=method)
+    updated = reconstruct(contours[:-1], tops=TOPS, method=method).update(contours[-1])
+    updated = updated.update(contours[4])
     assert apart(updated, at_once) == 0.0
     assert updated.health() == at_once.health()
     assert updated.slices.rows.tolist() == at_once.slices.rows.tolist()
-    other = reconstruct(given[:0:-1], tops=TOPS, method=method).update(given[0])
+    other = reconstruct(contours[:0:-1], tops=TOPS, method=method).update(contours[0])
     assert apart(other, at_once) < 1e-12 * SIZE
 
 
-def test_updates_of_plane_framed_and_useless_contours():
+def test_solid_is_updated_by_plane_framed_and_useless_contours():
     planes = [one[:, :2] for one in EGG]
     most = reconstruct(planes[1:], heights=HEIGHTS[1:], tops=TOPS, method="skin")
     whole_again = most.update(planes[0], height=HEIGHTS[0])
@@ -285,7 +283,7 @@ BASE = Superquadric(np.array([30.0, 20.0, 50.0]), np.array([0.6, 0.9]))
 
 
 @pytest.mark.slow
-def test_coarse_fit_warps_only_where_points_ask():
+def test_coarse_fit_tapers_and_bends_only_if_points_do():
     rng = np.random.default_rng(3)
     plain = area_samples(sampled_surface(BASE), 400, rng)
     narrowing = np.array([-0.3, -0.2])
@@ -309,7 +307,7 @@ def test_coarse_fit_warps_only_where_points_ask():
     assert fit_coarse(bent).bend.curvature == pytest.approx(0.005, rel=0.01)
 
 
-def test_steps_are_named_in_order_and_change_nothing():
+def test_steps_are_named_in_order():
     named: list[str] = []
 
     @contextmanager
@@ -338,19 +336,19 @@ SPAN = "contours and tops must span from 1e-50"
         ([np.zeros((4, 2))], {}, "contour 0 must have shape (any, 3), got (4, 2)"),
         ([np.full((9, 3), np.nan)], {}, "contours must hold at least one of 3 points"),
         ([np.zeros((5, 3)), LINE[:2]], {}, "got contour 0: in one place; contour 1: too few"),
-        (prism(1), {}, "contours must leave at least 2 to rebuild from, or 1 with tops"),
-        (prism(1), {"tops": COLUMN_TOPS[:1]}, "or 1 with tops that touched both ends, got 1"),
+        (column(1), {}, "contours must leave at least 2 to rebuild from, or 1 with tops"),
+        (column(1), {"tops": COLUMN_TOPS[:1]}, "or 1 with tops that touched both ends, got 1"),
         ([ELLIPSOID[7], 0.5 * ELLIPSOID[7]], {}, "contour 1: inside another at its height"),
-        ([1e-300 * one for one in prism(4)], {}, SPAN),
-        ([1e60 * one for one in prism(4)], {}, SPAN),
-        (prism(4), {"tops": [[0.0, 0.0, 1e300]]}, SPAN),
+        ([1e-300 * one for one in column(4)], {}, SPAN),
+        ([1e60 * one for one in column(4)], {}, SPAN),
+        (column(4), {"tops": [[0.0, 0.0, 1e300]]}, SPAN),
         ([EIGHT, EIGHT + [0.0, 0.0, 1.0]], {}, "contours must run around an area"),
-        (prism(4), {"tops": [[0.0, 0.0]]}, "tops must have shape"),
-        (prism(4), {"tops": [[0.0, 0.0, np.nan]]}, "tops must be finite"),
-        (prism(4), {"tops": "up"}, "tops must be an array of real numbers"),
-        (prism(9), {"tops": [[0, 0, 20.0]]}, "tops must not lie within the contours, got 20"),
-        (prism(4), {"noise": "a"}, "noise must be an array of real numbers"),
-        (prism(4), {"noise": 0.0}, "noise must be positive"),
+        (column(4), {"tops": [[0.0, 0.0]]}, "tops must have shape"),
+        (column(4), {"tops": [[0.0, 0.0, np.nan]]}, "tops must be finite"),
+        (column(4), {"tops": "up"}, "tops must be an array of real numbers"),
+        (column(9), {"tops": [[0, 0, 20.0]]}, "tops must not lie within the contours, got 20"),
+        (column(4), {"noise": "a"}, "noise must be an array of real numbers"),
+        (column(4), {"noise": 0.0}, "noise must be positive"),
         (EGG, {"method": "loft"}, "method must be one of lattice, skin, draft, thesis, coarse"),
         (EGG, {"method": "skin", "faithful": True}, "faithful goes with the method 'thesis'"),
         (EGG, {"method": "skin", "grasp": 1}, "size and grasp must be left out"),
@@ -378,12 +376,12 @@ SPAN = "contours and tops must span from 1e-50"
         ),
     ],
 )
-def test_refusals_of_reconstruct(contours, options, sentence):
+def test_reconstruct_rejects_invalid_arguments(contours, options, sentence):
     with pytest.raises(ValueError, match=re.escape(sentence)):
         reconstruct(contours, **options)
 
 
-def test_refusals_of_refinement_and_coarse_fit():
+def test_refinement_and_coarse_fit_reject_invalid_arguments():
     with pytest.raises(ValueError, match="method must be lattice for a solid to be refined"):
         upright("skin").refined([[0.0, 0.0, 0.0]])
     for points, sigma, words in (

@@ -27,9 +27,9 @@ def places(solid: LatticeSolid) -> Floats:
 
 
 def deviation_of(solid: LatticeSolid) -> float:
-    found = solid.whole_deviation()
-    assert found is not None and np.isfinite(found.whole) and 0.0 < found.ends <= found.whole
-    return found.whole
+    stated = solid.whole_deviation()
+    assert stated is not None and np.isfinite(stated.whole) and 0.0 < stated.ends <= stated.whole
+    return stated.whole
 
 
 @pytest.mark.parametrize(
@@ -41,7 +41,7 @@ def deviation_of(solid: LatticeSolid) -> float:
         ([0.03, 0.02, 0.04], [0.1, 0.1], 10e-6, 50e-6),
     ],
 )
-def test_nine_contours_and_touched_top_give_object_back(size, exponents, mean, most):
+def test_nine_contours_and_touched_top_recover_object(size, exponents, mean, most):
     true = Oracle(size, exponents)
     solid, touched = true.rebuilt(NINE), true.evidence(NINE)[1]
     error, health = true.distances(places(solid)), solid.health()
@@ -66,45 +66,45 @@ def test_few_contours_give_closed_solid_on_platform(shares):
     assert places(solid)[:, 2].max() == pytest.approx(0.06, abs=2e-4)
     high = Oracle([0.03, 0.03, 0.4], [1.0, 1.0]).rebuilt(shares, top=False)
     assert high.health()["radial_stretched"] == (len(shares) == 1)
-    if len(shares) == 3:  # A wall that nobody saw end may go on by a spacing
+    if len(shares) == 3:  # an untouched wall may extend by the spacing of the contours
         wall = Oracle([0.025, 0.025, 0.04], [0.05, 1.0]).rebuilt(shares, top=False)
         assert wall.uncovered == (0.0, pytest.approx(0.8 * 0.04, rel=0.01))
 
 
 @pytest.mark.parametrize("scale", [slow(1e-3), 1e3])
 def test_solid_of_scaled_contacts_is_scaled_solid(scale):
-    one, other = (Oracle(*EGG, scale=each).rebuilt(SEVEN) for each in (1.0, scale))
-    assert np.allclose(places(other) / scale, places(one), rtol=0, atol=1e-8)
-    assert deviation_of(other) == pytest.approx(scale * deviation_of(one), rel=1e-3)
+    unit, other = (Oracle(*EGG, scale=each).rebuilt(SEVEN) for each in (1.0, scale))
+    assert np.allclose(places(other) / scale, places(unit), rtol=0, atol=1e-8)
+    assert deviation_of(other) == pytest.approx(scale * deviation_of(unit), rel=1e-3)
 
 
 @pytest.mark.parametrize("method", [slow("skin"), "draft"])
 def test_order_of_contours_and_touches_changes_nothing(method):
     rings, touched, tops = Oracle(*BALL).evidence(SEVEN)
     order = np.random.default_rng(1).permutation(len(touched.points))
-    shuffled = ContactPoints(*(np.asarray(one)[order] for one in touched))
-    one = reconstruct(rings, patches=touched, tops=tops, method=method)
+    shuffled = ContactPoints(*(np.asarray(ordered)[order] for ordered in touched))
+    ordered = reconstruct(rings, patches=touched, tops=tops, method=method)
     other = reconstruct(rings[::-1], patches=shuffled, tops=tops, method=method)
-    assert np.allclose(places(one), places(other), rtol=0, atol=1e-12)
-    assert rms(Oracle(*BALL).distances(places(one))) < 5e-6
+    assert np.allclose(places(ordered), places(other), rtol=0, atol=1e-12)
+    assert rms(Oracle(*BALL).distances(places(ordered))) < 5e-6
 
 
-@pytest.mark.parametrize("given", ["kidney", "kidney without normals", "few points"])
-def test_contacts_that_tell_no_side_leave_it_to_contours(given):
-    if given == "few points":
+@pytest.mark.parametrize("case", ["kidney", "kidney without normals", "few points"])
+def test_contours_give_side_where_contacts_do_not_suffice(case):
+    if case == "few points":
         rings, touched, tops = Oracle(*BALL).evidence(NINE)
         touched = ContactPoints(*(np.asarray(one)[:50] for one in touched))
     else:
-        turn = np.linspace(0.15, 2 * np.pi - 0.15, 120)  # A thick arc, seen whole from nowhere
+        turn = np.linspace(0.15, 2 * np.pi - 0.15, 120)  # a thick arc, which no place sees whole
         out = np.column_stack([np.cos(turn), np.sin(turn)])
         plane = np.concatenate([0.04 * out, 0.025 * out[::-1]])
         rings = [at_height(plane, z) for z in np.linspace(0.01, 0.05, 5)]
         normals = np.tile(at_height(np.concatenate([out, -out[::-1]]), 0.0), (5, 1))
-        touched = contacts(np.concatenate(rings), normals if given == "kidney" else None)
+        touched = contacts(np.concatenate(rings), normals if case == "kidney" else None)
         tops = np.array([[0.03, 0.0, 0.0], [0.03, 0.0, 0.06]])
     solid = reconstruct(rings, patches=touched, tops=tops, method="skin")
     assert solid.health()["radial_unused"] == 1.0
-    if given != "few points":
+    if case != "few points":
         alone = reconstruct(rings, tops=tops, method="skin")
         assert np.array_equal(places(solid), places(alone))
 
@@ -149,7 +149,7 @@ def noisy(touched: ContactPoints, pose: float, seed: int = 0) -> ContactPoints:
 
 
 @pytest.mark.parametrize("shape", [BOX, slow(EGG)])
-def test_stated_deviation_is_of_size_of_error(shape):
+def test_stated_deviation_has_size_of_error(shape):
     true = Oracle(*shape)
     rings, touched, tops = true.evidence(SEVEN)
     solid = reconstruct(rings, patches=noisy(touched, 1e-4), tops=tops, method="skin")
@@ -168,18 +168,18 @@ def column(scale: float = 1.0, count: int = 10) -> list[Floats]:
     return [scale * at_height(plane, z) for z in np.linspace(-0.045, 0.045, count)]
 
 
-def test_untouched_ends_cost_what_they_may_hide():
+def test_untouched_ends_increase_stated_deviation():
     both, upper, none = (
         deviation_of(reconstruct(column(), tops=tops, method="skin"))
         for tops in (ends(-0.05, 0.05), ends(-0.05, 0.05)[1:], None)
     )
     assert 5.0 * both < upper < none
-    # 10 mm that it may go on, all lengths alike, on an end that is a seventh of the surface.
+    # The end, a seventh of the surface, may extend by 10 mm, with equal probability of all heights.
     assert 2e-3 < none < 4e-3
-    away = [0.046, 0.048, 0.052, 0.06]  # An end hides more the farther the last contour is
-    told = [deviation_of(reconstruct(column(), tops=ends(-z, z), method="skin")) for z in away]
-    assert told == sorted(told)
-    assert told[-1] > 5.0 * told[0]
+    away = [0.046, 0.048, 0.052, 0.06]  # the farther the last contour, the more is hidden
+    stated = [deviation_of(reconstruct(column(), tops=ends(-z, z), method="skin")) for z in away]
+    assert stated == sorted(stated)
+    assert stated[-1] > 5.0 * stated[0]
 
 
 def squarish_ball(count: int, corner: float) -> list[Floats]:
@@ -191,7 +191,7 @@ def squarish_ball(count: int, corner: float) -> list[Floats]:
 
 
 @pytest.mark.parametrize("method", ["skin", "lattice"])
-def test_far_end_is_own_piece_where_side_would_invert(method):
+def test_far_end_is_separate_piece_where_side_would_invert(method):
     tops = [[0, 0, -0.2], [0, 0, 1.2]]
     solid = reconstruct(squarish_ball(4, 20.0), tops=tops, method=method)
     assert solid.health()["apart_below"] + solid.health()["apart_above"] >= 1.0
@@ -241,7 +241,7 @@ def oblique() -> LatticeSolid:
 
 
 def oblique_points() -> Floats:
-    """Of the true column: side and top, up to half a millimetre from their edge."""
+    """Points of the true column: side and top, up to 0.5 mm from their edge."""
     rng = np.random.default_rng(1)
     turn = rng.uniform(0.0, 2.0 * math.pi, 600)
     out = np.column_stack([np.cos(turn), np.sin(turn)])
@@ -254,7 +254,7 @@ SLANTS = ["moved", *(slow(x) for x in ("updated", "mirrored"))]
 STEEP = float(np.hypot(*SLOPES))
 
 
-def test_oblique_top_is_as_good_as_level_one():
+def test_oblique_top_is_as_accurate_as_level_top():
     assert np.abs(oblique().search().nearest(oblique_points()).distances).max() < 2e-5
     assert oblique().health()["slope_above"] == pytest.approx(STEEP, rel=1e-3)
     assert oblique().health()["slope_below"] == pytest.approx(0.0, abs=1e-3)
@@ -263,7 +263,7 @@ def test_oblique_top_is_as_good_as_level_one():
 
 
 @pytest.mark.slow
-def test_control_lattice_and_refinement_know_of_slant():
+def test_control_lattice_and_refinement_follow_sheared_ends():
     lattice = oblique().control_lattice
     assert lattice is not None and oblique().lattice is not None
     assert lattice.undeformed is oblique().lattice.lattice.undeformed
@@ -278,7 +278,7 @@ def test_control_lattice_and_refinement_know_of_slant():
 
 
 @pytest.mark.parametrize("change", SLANTS)
-def test_oblique_column_keeps_its_top(change):
+def test_oblique_top_survives_update_motion_and_mirror(change):
     solid, true = oblique(), oblique_points()
     if change == "updated":
         again = tree_from_arrays(tree_to_arrays(solid))
@@ -288,20 +288,20 @@ def test_oblique_column_keeps_its_top(change):
     elif change == "moved":
         turn = rotations_from_vectors(np.array([[0.3, -0.5, 0.2]]))[0]
         pose = Pose(np.array([0.1, -0.2, 0.3]), turn).array
-        found = rebuilt_as(lambda points: Pose.from_array(pose).to_outer(points), turn, frame=pose)
+        rebuilt = rebuilt_as(Pose.from_array(pose).to_outer, turn, frame=pose)
         v, turns = np.linspace(0.0, 1.0, 21), np.linspace(0.0, 1.0, 21)
         expected = Pose.from_array(pose).to_outer(solid.surface.at(v, turns))
-        assert found.surface.at(v, turns) == pytest.approx(expected, abs=1e-9)
-    else:  # A mirror image, whose upper end is known by its height alone
+        assert rebuilt.surface.at(v, turns) == pytest.approx(expected, abs=1e-9)
+    else:  # mirrored, with an upper end of which only the height is known
         mirror = np.diag([1.0, 1.0, -1.0])
-        found = rebuilt_as(lambda points: points @ mirror, mirror)
-        assert found.uncovered[1] == 0.0
-        assert found.health()["slope_below"] == pytest.approx(STEEP, rel=1e-3)
-        assert np.abs(found.search().nearest(true @ mirror).distances).max() < 2e-5
+        rebuilt = rebuilt_as(lambda points: points @ mirror, mirror)
+        assert rebuilt.uncovered[1] == 0.0
+        assert rebuilt.health()["slope_below"] == pytest.approx(STEEP, rel=1e-3)
+        assert np.abs(rebuilt.search().nearest(true @ mirror).distances).max() < 2e-5
 
 
 def rebuilt_as(moved: Callable[[Floats], Floats], turn: Floats, **more: Any) -> LatticeSolid:
-    """The column touched elsewhere."""
+    """The column from moved contacts."""
     touched = column_touches()
     there = touched._replace(
         points=moved(touched.points), normals=np.asarray(touched.normals) @ turn.T

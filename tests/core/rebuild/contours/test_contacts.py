@@ -21,14 +21,14 @@ HERE = Pose(np.zeros(3), np.eye(3))
 
 
 def touched_surface(pad: Pad, surface: Floats, touched: Floats = ALL) -> ContactPoints:
-    """What a pad at the origin touches of a surface over it."""
+    """Contacts of a pad at the origin with a surface over it."""
     fitted = fit_jet(pad, surface, touched)
     assert fitted is not None
     return surface_points(pad, HERE, surface, touched, fitted.jet)
 
 
-def slopes(found: ContactPoints) -> Floats:
-    normals = np.asarray(found.normals)
+def slopes(touched: ContactPoints) -> Floats:
+    normals = np.asarray(touched.normals)
     return -normals[:, :2] / normals[:, 2:]
 
 
@@ -40,21 +40,21 @@ def test_touched_taxels_lie_on_ball_with_its_normals(rotations):
             surface = -(end.compression + pad.sag())
             fitted = fit_jet(pad, surface, touched)
             assert fitted is not None
-            found = surface_points(pad, end.pose, surface, touched, fitted.jet)
-            normals = np.asarray(found.normals)
-            assert found.points.shape == normals.shape == (touched.sum(), 3)
-            assert np.allclose(np.linalg.norm(found.points, axis=1), 0.03, rtol=1e-12)
-            assert np.allclose(normals, found.points / 0.03, atol=5e-3)
+            result = surface_points(pad, end.pose, surface, touched, fitted.jet)
+            normals = np.asarray(result.normals)
+            assert result.points.shape == normals.shape == (touched.sum(), 3)
+            assert np.allclose(np.linalg.norm(result.points, axis=1), 0.03, rtol=1e-12)
+            assert np.allclose(normals, result.points / 0.03, atol=5e-3)
             assert np.allclose(np.linalg.norm(normals, axis=1), 1.0, atol=1e-14)
 
 
 @pytest.mark.parametrize("noise", [0.0, 5e-6])
-def test_taxels_beside_edge_lean_as_their_own_side(noise):
+def test_taxels_beside_edge_have_normals_of_their_side(noise):
     x, _ = FLAT.grid()
     roof = np.minimum(0.2 * x, -0.5 * x)  # Two planes that meet between two columns
-    found = touched_surface(FLAT, roof + np.random.default_rng(0).normal(0.0, noise, x.shape))
-    expected = np.where(found.points[:, 0] < 0, 0.2, -0.5)
-    off = np.abs(slopes(found)[:, 0] - expected)
+    touched = touched_surface(FLAT, roof + np.random.default_rng(0).normal(0.0, noise, x.shape))
+    expected = np.where(touched.points[:, 0] < 0, 0.2, -0.5)
+    off = np.abs(slopes(touched)[:, 0] - expected)
     assert len(off) > 240
     assert off.max() < 0.1  # The jet alone is off by 0.35 in the middle
     assert np.median(off) < 5 * noise / 1e-3 + 1e-9
@@ -64,30 +64,31 @@ def test_taxels_beside_edge_lean_as_their_own_side(noise):
 def test_smooth_surface_keeps_normals_of_its_jet(noise):
     x, y = FLAT.grid()
     smooth = (x**2 - 0.5 * x * y) / 0.03
-    found = touched_surface(FLAT, smooth + np.random.default_rng(1).normal(0.0, noise, x.shape))
-    assert len(found.points) > 253  # One taxel in a hundred may be doubted
-    at = found.points[:, :2]
+    result = touched_surface(FLAT, smooth + np.random.default_rng(1).normal(0.0, noise, x.shape))
+    assert len(result.points) > 253  # one taxel in a hundred may be left out
+    at = result.points[:, :2]
     expected = np.column_stack([2.0 * at[:, 0] - 0.5 * at[:, 1], -0.5 * at[:, 0]]) / 0.03
-    assert np.abs(slopes(found) - expected).max() < 1e-9 + 400.0 * noise  # At the rim of 256 taxels
+    off = np.abs(slopes(result) - expected)
+    assert off.max() < 1e-9 + 400.0 * noise  # at the rim of 256 taxels
 
 
-def test_row_beyond_edge_has_no_normal():
+def test_taxels_beyond_edge_are_left_out():
     x, _ = FLAT.grid()
     touched = x > -1.6e-3
     surface = np.where(x < -1e-3, -1.2e-3, -0.2 * x)
-    found = touched_surface(FLAT, surface, touched)
-    assert found.points[:, 0].min() > x[touched].min()
-    assert (found.points[:, 0] > 2e-3).sum() == (x > 2e-3).sum()
+    result = touched_surface(FLAT, surface, touched)
+    assert result.points[:, 0].min() > x[touched].min()
+    assert (result.points[:, 0] > 2e-3).sum() == (x > 2e-3).sum()
 
 
-def test_stacks_keep_order_and_count_touches_apart():
-    one = contacts(np.zeros((2, 3)), np.ones((2, 3)))
-    other = one._replace(points=np.ones((2, 3)))
-    both = contours.stack_points([one, other])
+def test_stacked_contacts_keep_order_and_separate_touches():
+    first = contacts(np.zeros((2, 3)), np.ones((2, 3)))
+    second = first._replace(points=np.ones((2, 3)))
+    both = contours.stack_points([first, second])
     assert both.points[:, 0].tolist() == [0.0, 0.0, 1.0, 1.0]
     assert both.touch.tolist() == [0, 0, 1, 1]
-    assert np.unique(contours.stack_points([both, one, both]).touch).tolist() == [0, 1, 2, 3, 4]
-    assert contours.stack_points([one, one._replace(normals=None)]).normals is None
+    assert np.unique(contours.stack_points([both, first, both]).touch).tolist() == [0, 1, 2, 3, 4]
+    assert contours.stack_points([first, first._replace(normals=None)]).normals is None
     none = contours.stack_points([])
     assert none.points.shape == np.asarray(none.normals).shape == (0, 3)
 
@@ -103,13 +104,13 @@ def test_stacks_keep_order_and_count_touches_apart():
         ({"normals": np.zeros((3, 3))}, "patches.normals must have a length, got 3 of 0"),
     ],
 )
-def test_refusals_of_contact_points(wrong, words):
-    given = contacts(np.zeros((3, 3)), np.ones((3, 3)), np.arange(3))
+def test_invalid_contact_points_are_rejected(wrong, words):
+    valid = contacts(np.zeros((3, 3)), np.ones((3, 3)), np.arange(3))
     with pytest.raises(ValueError, match=words):
-        contours.checked_contacts(given._replace(**wrong))
-    found = contours.checked_contacts(given._replace(touch=np.array([7, 7, 3])))
-    assert found.touch.tolist() == [1, 1, 0]
-    assert np.linalg.norm(np.asarray(found.normals), axis=1) == pytest.approx(np.ones(3))
+        contours.checked_contacts(valid._replace(**wrong))
+    checked = contours.checked_contacts(valid._replace(touch=np.array([7, 7, 3])))
+    assert checked.touch.tolist() == [1, 1, 0]
+    assert np.linalg.norm(np.asarray(checked.normals), axis=1) == pytest.approx(np.ones(3))
 
 
 def cone(height: float) -> tuple[Floats, Floats]:
@@ -117,17 +118,17 @@ def cone(height: float) -> tuple[Floats, Floats]:
     return at_height((0.1 - height) * circle(12), height), at_height(circle(12), 1.0)
 
 
-def test_point_with_normal_is_three_points_of_surface():
+def test_point_with_normal_gives_three_points_on_surface():
     rings, normals = zip(*(cone(z) for z in (0.0, 0.02, 0.04)), strict=True)
-    found = contours.normals_as_points(rings, normals)
-    assert len(found.points) == 3 * 36
-    assert np.allclose(np.hypot(*found.points[:, :2].T), 0.1 - found.points[:, 2], atol=1e-15)
-    assert np.allclose(np.linalg.norm(np.asarray(found.normals), axis=1), 1.0)
-    assert np.bincount(found.touch).tolist() == [3] * 36
-    # They reach a part of the spacing of the contours up and down the slope.
-    apart = np.linalg.norm(found.points[2] - found.points[0])
+    result = contours.normals_as_points(rings, normals)
+    assert len(result.points) == 3 * 36
+    assert np.allclose(np.hypot(*result.points[:, :2].T), 0.1 - result.points[:, 2], atol=1e-15)
+    assert np.allclose(np.linalg.norm(np.asarray(result.normals), axis=1), 1.0)
+    assert np.bincount(result.touch).tolist() == [3] * 36
+    # Their distance is a fraction of the spacing of the contours.
+    apart = np.linalg.norm(result.points[2] - result.points[0])
     assert 5e-4 < apart < 5e-3
-    assert np.allclose(0.5 * (found.points[2] + found.points[0]), found.points[1], atol=1e-15)
+    assert np.allclose(0.5 * (result.points[2] + result.points[0]), result.points[1], atol=1e-15)
 
 
 def test_useless_points_and_normals_are_left_out():

@@ -1,4 +1,4 @@
-"""Single points and whole contours that neighbours contradict."""
+"""Single points and whole contours that contradict their neighbours."""
 
 from collections.abc import Callable
 from itertools import product
@@ -31,7 +31,7 @@ def vase(edged: bool, noise: float = 0.0, seed: int = 0) -> Floats:
 
 
 def found_in(contours: Floats) -> tuple[Any, Bools]:
-    """What was found, and which of the points (m, n) as they were given that is."""
+    """Outliers, and a mask of the points (m, n) in their given order."""
     slices = stacks.stack_curves(stacks.contour_curves(list(contours)))
     outliers = stacks.point_outliers(slices.loops, stacks.match_slices(slices, COUNT).places)
     out = np.zeros(contours.shape[:2], bool)
@@ -43,8 +43,8 @@ def found_in(contours: Floats) -> tuple[Any, Bools]:
 
 @pytest.mark.parametrize("edged", [False, True])
 @pytest.mark.parametrize("noise", [0.0, 0.2])
-def test_points_far_off_are_found_and_good_ones_stay(edged, noise):
-    hits = misses = others = 0
+def test_outliers_are_found_and_good_points_stay(edged, noise):
+    hits = misses = false_hits = 0
     for seed in range(2):
         assert not found_in(vase(edged, noise, seed))[1].any()
         rng = np.random.default_rng(seed + 50)
@@ -54,12 +54,12 @@ def test_points_far_off_are_found_and_good_ones_stay(edged, noise):
         away *= 3.0 / np.linalg.norm(away, axis=2, keepdims=True)
         out = found_in(contours + away * wrong[..., None])[1]
         hits, misses = hits + (out & wrong).sum(), misses + (~out & wrong).sum()
-        others += (out & ~wrong).sum()
+        false_hits += (out & ~wrong).sum()
     assert hits > 8 * misses
-    assert others <= 0.01 * 2 * 15 * COUNT
+    assert false_hits <= 0.01 * 2 * 15 * COUNT
 
 
-def test_outlier_is_mended_and_its_curve_made_again():
+def test_outlier_is_moved_and_its_curve_refitted():
     contours = vase(False)
     wanted = contours[7, 20, :2].copy()
     contours[7, 20, :2] *= 1.1
@@ -77,13 +77,13 @@ def test_outlier_is_mended_and_its_curve_made_again():
     assert same.curve is slices.loops[3].curve
 
 
-def test_corner_that_neighbours_share_stays():
+def test_corner_shared_by_neighbours_is_no_outlier():
     ridge, alone = vase(False, 0.05), vase(False, 0.05)
     ridge[:, 20, :2] *= 1.1
     alone[7, 20, :2] *= 1.1
     assert not found_in(ridge)[1].any()
     assert np.argwhere(found_in(alone)[1]).tolist() == [[7, 20]]
-    alone[7, 21, :2] *= 0.93  # Side by side
+    alone[7, 21, :2] *= 0.93  # adjacent outliers
     alone[7, 22, :2] *= 1.1
     assert np.argwhere(found_in(alone)[1]).tolist() == [[7, 20], [7, 21], [7, 22]]
 
@@ -119,26 +119,26 @@ def bad_rows(grid: Floats, heights: Floats = LEVELS) -> list[int]:
 
 
 @pytest.mark.parametrize("name", PROFILES)
-def test_no_clean_contour_is_bad(name):
+def test_good_contours_are_consistent(name):
     uneven = LEVELS.copy()
     shift = np.random.default_rng(0).uniform(-1, 1, 25)
     uneven[1:-1] += 0.3 * (LEVELS[1] - LEVELS[0]) * shift
     for noise, heights in product((0.0, 0.4 * NOISE, NOISE), (LEVELS, uneven)):
-        found = stacks.inconsistent_contours(heights, grid_of(name, heights, noise))
-        assert not found.bad.any() and not found.off.any()
+        result = stacks.inconsistent_contours(heights, grid_of(name, heights, noise))
+        assert not result.bad.any() and not result.offsets.any()
 
 
 @pytest.mark.parametrize("name", ["lobed", "ball", "cylinder", "edge", "bottle"])
-def test_contour_of_other_size_is_found(name):
+def test_contour_of_other_size_is_inconsistent(name):
     for factor, noise, row in product((1.3, 0.7), (0.0, NOISE), (3, 9, 12)):
         grid = grid_of(name, noise=noise)
         size = np.sqrt((grid[row] ** 2).sum(axis=1).mean())
         grid[row] *= factor
-        found = stacks.inconsistent_contours(LEVELS, grid)
-        assert np.flatnonzero(found.bad).tolist() == [row]
-        assert found.off[row] == pytest.approx(0.3 * size, rel=0.25)
+        result = stacks.inconsistent_contours(LEVELS, grid)
+        assert np.flatnonzero(result.bad).tolist() == [row]
+        assert result.offsets[row] == pytest.approx(0.3 * size, rel=0.25)
         scaled = stacks.inconsistent_contours(1e-3 * LEVELS + 4.0, 1e-3 * grid + [7.0, -3.0])
-        assert scaled.off == pytest.approx(1e-3 * found.off, rel=1e-6)
+        assert scaled.offsets == pytest.approx(1e-3 * result.offsets, rel=1e-6)
 
 
 def spoilt(name: str, rows: Any, by: float = 1.3) -> Floats:
@@ -150,25 +150,25 @@ def spoilt(name: str, rows: Any, by: float = 1.3) -> Floats:
 @pytest.mark.parametrize(
     ("grid", "bad"),
     [
-        (spoilt("cylinder", 25, 1.05), [25]),  # Next to an end only where the object goes on
+        (spoilt("cylinder", 25, 1.05), [25]),  # next to an end, if the object does not round off
         (spoilt("ball", 25, 1.05), []),
         (spoilt("cylinder", 0), []),
         (spoilt("cylinder", 26), []),
-        (spoilt("zigzag", 9), []),  # Next to edges of the object
+        (spoilt("zigzag", 9), []),  # next to edges of the object
         (spoilt("cylinder", slice(2, None, 5)), [2, 7, 12, 17, 22]),
         (spoilt("cylinder", slice(0, None, 2)), []),
-        (spoilt("cylinder", 13, 1.02), []),  # Little harm
+        (spoilt("cylinder", 13, 1.02), []),  # too small to matter
         *((spoilt("lobed", rows), rows) for rows in ([5, 13, 20], [5, 8, 20], [2, 12, 24])),
         *((spoilt(name, [9, 11, 18]), [9, 11, 18]) for name in ("lobed", "cylinder", "ball")),
-        (spoilt("cylinder", 4)[:9], [4]),  # Fewer than nine do not tell
+        (spoilt("cylinder", 4)[:9], [4]),  # eight contours are too few
         (spoilt("cylinder", 4)[:8], []),
         (grid_of("bottle") + [0.1, -0.05] * (np.arange(27) == 7)[:, None, None], [7]),
         (np.where((np.arange(27) == 7)[:, None, None], turned(1.6 * OVAL, 0.45), 1.6 * OVAL), [7]),
     ],
 )
-def test_where_bad_contours_can_be_told(grid, bad):
+def test_inconsistent_contours_are_found_among_features(grid, bad):
     assert bad_rows(grid, LEVELS[: len(grid)]) == bad
-    unsure = np.full(len(grid), 0.8)  # Their curves may be off as much
+    unsure = np.full(len(grid), 0.8)  # error of the curves between points
     assert not stacks.inconsistent_contours(LEVELS[: len(grid)], grid, unsure).bad.any()
 
 
@@ -186,29 +186,29 @@ FAR = np.where(np.arange(9) == 8, 20.0, 0.0)
     ("radii", "shift", "off"),
     [
         *(([39.0 if row == i else 30.0 for i in range(6)], 0.0, {row: 9.0}) for row in range(1, 5)),
-        ([30.0] * 8 + [45.0], 0.0, {8: 15.0}),  # An end that is wider, or aside
+        ([30.0] * 8 + [45.0], 0.0, {8: 15.0}),  # an end that is wider, or aside
         ([45.0] + [30.0] * 8, 0.0, {0: 15.0}),
         ([30.0] * 8 + [5.0], 0.0, {}),  # but not one that rounds off
         ([30.0] * 9, FAR, {8: 20.0}),
-        ([30.0, 20.0, 30.0], 0.0, {1: 10.0}),  # Of three the middle one, if narrow or aside
+        ([30.0, 20.0, 30.0], 0.0, {1: 10.0}),  # the middle one of three, if it is narrow or aside
         ([30.0, 45.0, 30.0], 0.0, {}),
         ([30.0] * 3, np.array([0.0, 15.0, 0.0]), {1: 15.0}),
         ([30.0, 10.0], 0.0, {}),
-        ([30.0] * 4 + [27.9] + [30.0] * 4, 0.0, {}),  # By less than a tenth
+        ([30.0] * 4 + [27.9] + [30.0] * 4, 0.0, {}),  # by less than a tenth
         ([30.0] * 4 + [25.5] + [30.0] * 4, 0.0, {4: 4.5}),
     ],
 )
-def test_candidates_are_off_by_what_neighbours_miss(radii, shift, off):
+def test_feature_candidates_have_offset_from_neighbours(radii, shift, off):
     heights, grid = stack(radii)
     grid[..., 0] += np.reshape(shift, (-1, 1))
-    found = stacks.neighbour_misfits(heights, grid)
-    assert np.flatnonzero(found).tolist() == list(off)
-    assert found[list(off)] == pytest.approx(list(off.values()), rel=0.3)
-    assert stacks.neighbour_misfits(1e3 * heights, 1e3 * grid) == pytest.approx(1e3 * found)
+    misfits = stacks.neighbour_misfits(heights, grid)
+    assert np.flatnonzero(misfits).tolist() == list(off)
+    assert misfits[list(off)] == pytest.approx(list(off.values()), rel=0.3)
+    assert stacks.neighbour_misfits(1e3 * heights, 1e3 * grid) == pytest.approx(1e3 * misfits)
 
 
 @pytest.mark.parametrize("count", [3, 4, 6, 9, 27])
-def test_smooth_objects_have_no_candidates(count):
+def test_smooth_objects_have_no_feature_candidates(count):
     heights = np.linspace(-49.5, 49.5, count)
     ball = np.sqrt(50.0**2 - heights**2)
     bellied = 30.0 + 8.0 * np.sin(heights / 25.0)
@@ -235,14 +235,14 @@ def test_neighbours_predict_cubics_inside_and_parabolas_at_ends():
         assert not stacks.neighbour_weights(UNEVEN[:count]).any()
 
 
-def test_curve_errors_between_points_bound_true_ones():
+def test_interpolation_errors_bound_true_errors():
     for count in (8, 12, 24):
         radius = 1.0 + 0.2 * np.cos(6 * np.pi * np.arange(count) / count)
         loops = stacks.contour_curves([at_height(radius[:, None] * circle(count), 0.0)])
         angle = np.arctan2(*loops[0].fine.T[::-1])
         off = np.linalg.norm(loops[0].fine, axis=1) - (1.0 + 0.2 * np.cos(3 * angle))
-        (told,) = stacks.interpolation_errors(loops)
-        assert np.abs(off).max() < 1.5 * told < 1.0
+        (bound,) = stacks.interpolation_errors(loops)
+        assert np.abs(off).max() < 1.5 * bound < 1.0
     assert np.isinf(
         stacks.interpolation_errors(stacks.contour_curves([at_height(circle(5), 0.0)]))[0]
     )

@@ -1,4 +1,4 @@
-"""Contours as closed curves, the stack of them, and which places belong together."""
+"""Contours as closed curves, their stack, and corresponding places."""
 
 from functools import cache
 from typing import Any
@@ -24,9 +24,9 @@ def slices_of(contours: Any, heights: Any = None) -> Slices:
 
 
 def curve_of(points: Floats) -> stacks.ContourCurve:
-    (found,) = stacks.contour_curves([points])
-    assert isinstance(found, stacks.ContourCurve)
-    return found
+    (curve,) = stacks.contour_curves([points])
+    assert isinstance(curve, stacks.ContourCurve)
+    return curve
 
 
 def disc(radius: float, height: float, middle: tuple[float, float] = (0.0, 0.0)) -> Floats:
@@ -45,24 +45,24 @@ def lobes(turns: Floats, count: int = 3, depth: float = 0.2) -> Floats:
 def test_curve_passes_all_points_of_contour(count):
     turns = np.sort(np.random.default_rng(count).random(count))
     for plane in (circle(count), lobes(turns)):
-        found = curve_of(at_height(plane, 7.0))
-        assert found.height == 7.0
-        assert (found.tilt, found.error) == (0.0, 0.0)
-        assert found.curve.at(found.curve.parameters) == pytest.approx(found.points, abs=1e-12)
-        assert in_order(found.points) == pytest.approx(in_order(plane), abs=1e-12)
-        assert found.fine == pytest.approx(found.curve.at(np.arange(512) / 512), abs=1e-12)
-        assert signed_area(found.fine) > 0.0
-        steps = np.linalg.norm(np.diff(found.fine, axis=0, append=found.fine[:1]), axis=1)
-        assert found.perimeter == pytest.approx(steps.sum(), rel=1e-3)
+        loop = curve_of(at_height(plane, 7.0))
+        assert loop.height == 7.0
+        assert (loop.tilt, loop.error) == (0.0, 0.0)
+        assert loop.curve.at(loop.curve.parameters) == pytest.approx(loop.points, abs=1e-12)
+        assert in_order(loop.points) == pytest.approx(in_order(plane), abs=1e-12)
+        assert loop.fine == pytest.approx(loop.curve.at(np.arange(512) / 512), abs=1e-12)
+        assert signed_area(loop.fine) > 0.0
+        steps = np.linalg.norm(np.diff(loop.fine, axis=0, append=loop.fine[:1]), axis=1)
+        assert loop.perimeter == pytest.approx(steps.sum(), rel=1e-3)
 
 
 def test_even_noisy_points_keep_even_steps():
     rng = np.random.default_rng(0)
     plane = circle(200) + 0.02 * rng.normal(size=(200, 2))
-    found = curve_of(at_height(plane, 0.0))
-    steps = np.diff(found.curve.parameters)
+    noisy = curve_of(at_height(plane, 0.0))
+    steps = np.diff(noisy.curve.parameters)
     assert np.ptp(steps) < 1e-12
-    assert np.std(np.linalg.norm(found.fine, axis=1)) < 0.018
+    assert np.std(np.linalg.norm(noisy.fine, axis=1)) < 0.018
     dense = curve_of(at_height(circle(500) + 0.02 * rng.normal(size=(500, 2)), 0.0))
     assert dense.curve.smoothing > 0.0 and not dense.curve.flags.self_intersecting
     assert dense.perimeter == pytest.approx(2 * np.pi, rel=0.01)
@@ -71,13 +71,13 @@ def test_even_noisy_points_keep_even_steps():
 
 
 @pytest.mark.parametrize("harmonic", [1, 2])
-def test_tilt_and_saddle_of_heights_are_shape(harmonic):
+def test_tilt_and_saddle_of_heights_are_no_noise(harmonic):
     heights = 0.3 * np.cos(harmonic * 2 * np.pi * np.arange(30) / 30)
     plane = circle(30) * [2.0, 1.0] + [5.0, 0.0]
-    found = curve_of(np.column_stack([plane, 1e6 + heights]))
-    assert found.tilt == pytest.approx(0.3 / np.sqrt(2), rel=1e-6)
-    assert found.error < 1e-6
-    assert sorted(found.rises) == pytest.approx(sorted(heights), abs=1e-9)
+    loop = curve_of(np.column_stack([plane, 1e6 + heights]))
+    assert loop.tilt == pytest.approx(0.3 / np.sqrt(2), rel=1e-6)
+    assert loop.error < 1e-6
+    assert sorted(loop.rises) == pytest.approx(sorted(heights), abs=1e-9)
     noise = 0.2 * np.random.default_rng(0).normal(size=(30, 60))
     level = [curve_of(np.column_stack([circle(60), one])) for one in noise]
     assert np.linalg.norm([one.tilt for one in level]) / np.sqrt(30) < 0.05
@@ -87,14 +87,14 @@ def test_tilt_and_saddle_of_heights_are_shape(harmonic):
     assert few.error == 0.0
 
 
-def test_single_heights_that_are_off_are_found():
+def test_single_wrong_heights_are_found():
     angle = 2 * np.pi * np.arange(40) / 40
     for shape in (0.1 * np.cos(angle), 0.05 * np.cos(2 * angle), np.zeros(40)):
         assert not curve_of(np.column_stack([circle(40), shape])).off_height.any()
         off = shape.copy()
         off[[5, 6, 30]] += [0.4, 0.3, -0.5]
-        found = curve_of(np.column_stack([circle(40), off]))
-        wrong = in_order(found.as_given[found.off_height])
+        loop = curve_of(np.column_stack([circle(40), off]))
+        wrong = in_order(loop.as_given[loop.off_height])
         assert wrong == pytest.approx(in_order(circle(40)[[5, 6, 30]]))
     noisy = 0.01 * np.random.default_rng(0).normal(size=40)
     for heights in (noisy, np.where(np.arange(40) % 4 == 0, 1.0, 0.0)):
@@ -102,17 +102,17 @@ def test_single_heights_that_are_off_are_found():
     assert not curve_of(np.column_stack([circle(4), [0.0, 0.0, 0.0, 9.0]])).off_height.any()
 
 
-def test_star_shapes_are_told_exactly_and_nearly():
+def test_star_shapes_are_recognised_exactly_and_nearly():
     turn = 2 * np.pi * np.arange(256) / 256
     noisy = circle(256) + 0.02 * np.random.default_rng(0).normal(size=(256, 2))
-    angle = turn + 0.6 * np.sin(4 * turn)  # The outline goes back behind itself by half a radian
+    angle = turn + 0.6 * np.sin(4 * turn)  # the outline runs back by half a radian
     hooked = polar(angle / (2 * np.pi), 1 + 0.3 * np.cos(4 * turn))
     figures = np.stack([circle(256), noisy, hooked, circle(256)[::-1], circle(256) + [3.0, 0.0]])
     assert stacks.are_star_shaped(figures).tolist() == [True, False, False, False, False]
     assert stacks.are_nearly_star_shaped(figures).tolist() == [True, True, False, False, False]
 
 
-def test_slices_rise_and_know_their_contours():
+def test_slices_rise_and_keep_numbers_of_contours():
     contours = Traced("lobed").contours(HEIGHTS, 60)
     slices = slices_of(contours[::-1])
     assert np.allclose(slices.heights, HEIGHTS, atol=1e-12)
@@ -126,7 +126,7 @@ def test_slices_rise_and_know_their_contours():
     assert not noisy.tilted.any()
 
 
-def test_heights_that_only_noise_tells_apart_are_one():
+def test_contours_apart_by_noise_are_one_slice():
     rng = np.random.default_rng(0)
     shake = np.array([0.0, 0.0, 0.01])
     noisy = [disc(1.0, z) + shake * rng.normal(size=(40, 3)) for z in (0, 0.5, 0.5, 1.0)]
@@ -150,7 +150,7 @@ def test_tilted_contour_is_flagged_where_it_reaches_towards_next():
     assert slices_of([disc(1.0, 0.0)]).tilted.tolist() == [False]
 
 
-def test_slices_can_be_left_out_afterwards():
+def test_slices_are_dropped_afterwards_with_reason():
     slices = slices_of([np.zeros((2, 3)), *Traced("lobed").contours(HEIGHTS, 60)])
     bad = np.isin(np.arange(9), [0, 5])
     left = slices.without(bad, "unlike its neighbours", np.arange(9.0), ~bad)
@@ -174,13 +174,13 @@ def stack(name: str, count: int, points: int) -> Slices:
 
 def loft_error(section: Any, slices: Slices, grid: Floats) -> float:
     """Mean distance between the object and a cubic through each row of places."""
-    found = CubicSpline(slices.heights, grid, axis=0)(BETWEEN)
+    places = CubicSpline(slices.heights, grid, axis=0)(BETWEEN)
     rims = [section(np.arange(1600) / 1600, float(z)) for z in BETWEEN]
-    return float(np.mean([curve_distances(*pair) for pair in zip(rims, found, strict=True)]))
+    return float(np.mean([curve_distances(*pair) for pair in zip(rims, places, strict=True)]))
 
 
 def perfect(section: Any, slices: Slices) -> Floats:
-    """The same curves at the places that belong together by the object's making."""
+    """The same curves at places that truly correspond."""
     rows = []
     for curve, z in zip(slices.curves, slices.heights, strict=True):
         fine = curve.at(np.arange(8000) / 8000)
@@ -189,17 +189,17 @@ def perfect(section: Any, slices: Slices) -> Floats:
 
 
 @pytest.mark.parametrize("name", SECTIONS)
-def test_matched_places_cost_next_to_nothing(name):
+def test_matched_places_are_as_good_as_true_ones(name):
     slices = stack(name, 9, 24)
-    found = match_slices(slices, COUNT)
-    error = loft_error(SECTIONS[name], slices, found.grid)
-    # 24 points do not hold the corners of a square: which of them are cut is chance.
+    matched = match_slices(slices, COUNT)
+    error = loft_error(SECTIONS[name], slices, matched.grid)
+    # 24 points do not determine the corners of a square: which of them are cut is chance.
     allowed = 1.15 if name == "square" else 1.03
     exact = loft_error(SECTIONS[name], slices, perfect(SECTIONS[name], slices))
     assert error < allowed * exact + 5e-6
-    assert slices.star.all() == (name != "kidney") == ("azimuth" in found.scores)
-    # What leaving every other contour out would cost is what scores are about.
-    assert 0.02 * exact < found.scores[found.method]
+    assert slices.star.all() == (name != "kidney") == ("azimuth" in matched.scores)
+    # A score is about the error of a loft through every other contour.
+    assert 0.02 * exact < matched.scores[matched.method]
 
 
 def turning(angles: Floats, count: int = 4, depth: float = 0.1) -> Slices:
@@ -209,9 +209,9 @@ def turning(angles: Floats, count: int = 4, depth: float = 0.1) -> Slices:
     return slices_of([at_height(polar(turns, r), z) for z, r in enumerate(radius)])
 
 
-def steps_of(found: stacks.Correspondence, slices: Slices) -> Floats:
-    """By how many turns the first places are ahead of each other, about the middles."""
-    away = found.grid[:, 0] - slices.middles
+def steps_of(matched: stacks.Correspondence, slices: Slices) -> Floats:
+    """Steps [turns] of the first places from slice to slice, about the middles."""
+    away = matched.grid[:, 0] - slices.middles
     return np.diff(np.unwrap(np.arctan2(away[:, 1], away[:, 0])) / (2 * np.pi))
 
 
@@ -220,14 +220,14 @@ def steps_of(found: stacks.Correspondence, slices: Slices) -> Floats:
     [
         (0.06 * np.arange(8), 3, 0.1, 2e-3),
         (-0.06 * np.arange(8), 3, 0.1, 2e-3),
-        (0.11 * np.arange(8), 4, 0.1, 2e-3),  # Nearly half a lobe each
-        (0.1 * np.arange(8) + 0.05 * (np.arange(8) > 3), 4, 0.1, 6e-3),  # One looks like a lobe
+        (0.11 * np.arange(8), 4, 0.1, 2e-3),  # nearly half a lobe each
+        (0.1 * np.arange(8) + 0.05 * (np.arange(8) > 3), 4, 0.1, 6e-3),  # a step like a lobe
     ],
 )
 def test_signature_follows_lobes(angles, count, depth, tolerance):
     slices = turning(angles, count, depth)
-    found = match_slices(slices, COUNT, "signature")
-    assert steps_of(found, slices) == pytest.approx(np.diff(angles), abs=tolerance)
+    matched = match_slices(slices, COUNT, "signature")
+    assert steps_of(matched, slices) == pytest.approx(np.diff(angles), abs=tolerance)
 
 
 def test_least_twist_has_smallest_sum_of_squared_distances():
@@ -237,25 +237,25 @@ def test_least_twist_has_smallest_sum_of_squared_distances():
     waves = 0.2 * np.column_stack([np.cos(3 * angle), np.sin(3 * angle)])
     second = 1.3 * (first + waves) @ np.array([[0.6, 0.8], [-0.8, 0.6]])
     slices = slices_of([at_height(first, 0.0), at_height(second, 1.0)])
-    found = match_slices(slices, 256, "twist")
+    matched = match_slices(slices, 256, "twist")
     apart = slices.fine - slices.middles[:, None]
     costs = [((apart[0] - np.roll(apart[1], -k, axis=0)) ** 2).sum() for k in range(512)]
-    off = found.turns[1] - found.turns[0] - np.argmin(costs) / 512
+    off = matched.turns[1] - matched.turns[0] - np.argmin(costs) / 512
     assert abs(off - np.round(off)) <= 0.5 / 512 + 1e-9
 
 
 @pytest.mark.parametrize("method", METHODS)
 def test_places_lie_on_curves_in_order(method):
     slices = stack("lobed", 9, 60)
-    found = match_slices(slices, COUNT, method)
-    assert found.method == method
-    for curve, row, places in zip(slices.curves, found.places, found.grid, strict=True):
+    matched = match_slices(slices, COUNT, method)
+    assert matched.method == method
+    for curve, row, places in zip(slices.curves, matched.places, matched.grid, strict=True):
         assert curve.at(row) == pytest.approx(places, abs=1e-12)
-    assert (np.diff(found.places, axis=1) > 0).all()
-    assert (found.places[:, -1] - found.places[:, 0] < 1).all()
-    assert ((found.turns >= 0) & (found.turns < 1)).all()
-    assert np.allclose(np.mod(found.places[:, 0] - found.turns + 0.5, 1), 0.5)
-    away = found.grid - slices.middles[:, None]
+    assert (np.diff(matched.places, axis=1) > 0).all()
+    assert (matched.places[:, -1] - matched.places[:, 0] < 1).all()
+    assert ((matched.turns >= 0) & (matched.turns < 1)).all()
+    assert np.allclose(np.mod(matched.places[:, 0] - matched.turns + 0.5, 1), 0.5)
+    away = matched.grid - slices.middles[:, None]
     if method in ("ray", "azimuth"):
         assert np.abs(away[:, 0, 1]).max() < 1e-3 and (away[:, 0, 0] > 0.0).all()
     if method == "azimuth":
@@ -263,10 +263,10 @@ def test_places_lie_on_curves_in_order(method):
         assert np.abs(angle - 2 * np.pi * np.arange(COUNT) / COUNT).max() < 1e-3
 
 
-def test_few_slices_are_matched_unscored_and_bad_requests_refused():
+def test_two_slices_are_matched_without_scores():
     for count in (1, 2):
-        found = match_slices(stack("bent tube", count, 40), 20)
-        assert (found.grid.shape, found.method, found.scores) == ((count, 20, 2), "twist", {})
+        matched = match_slices(stack("bent tube", count, 40), 20)
+        assert (matched.grid.shape, matched.method, matched.scores) == ((count, 20, 2), "twist", {})
     slices = stack("bent tube", 2, 40)
     with pytest.raises(ValueError, match="count must be at least 3, got 2"):
         match_slices(slices, 2)

@@ -1,4 +1,4 @@
-"""Control lattices that become the side: fidelity, folds, derivatives, refinement."""
+"""Control lattices that follow a side: accuracy, folds, derivatives, refinement."""
 
 from dataclasses import replace
 from functools import cache
@@ -39,7 +39,7 @@ def places(count: int, seed: int = 0) -> Floats:
 @pytest.mark.parametrize(
     ("name", "noise"), [("lobed", 2e-3), ("four lobes", 0.0), ("bent tube", 2e-3)]
 )
-def test_lattice_is_as_near_as_loft_without_folds(name, noise):
+def test_lattice_is_as_accurate_as_loft_without_folds(name, noise):
     skin = loft(name, noise=noise)
     fit = fit_lattice(skin.patch, 0.1 * skin.uncertainty().rms)
     assert fit.health.folded == 0.0
@@ -69,10 +69,11 @@ def test_derivatives_of_side_are_those_of_differences(weighted):
         weights = np.random.default_rng(1).uniform(0.5, 2.0, fit.lattice.control.shape[:3])
         fit = replace(fit, lattice=fit.lattice.with_control(fit.lattice.control, weights))
     v, turns = np.random.default_rng(0).uniform(0.02, 0.98, (2, 60))
-    objects.assert_derivatives(fit.side.at, v, turns, 1e-3, 0.8, fit.side.on_grid)  # But for knots
+    # Except at knots.
+    objects.assert_derivatives(fit.side.at, v, turns, 1e-3, 0.8, fit.side.on_grid)
 
 
-def test_sound_lattices_are_proved_and_folds_told():
+def test_folds_of_lattices_are_reported():
     sound = fit_lattice(loft("bent tube", 9, 24).patch, size=(4, 5))
     assert sound.folds().verdict == "sound"
     angle = 2 * np.pi * np.arange(80) / 80
@@ -82,11 +83,11 @@ def test_sound_lattices_are_proved_and_folds_told():
     assert 0.0 < kidney.health.folded < 0.4
     assert kidney.health.rms < 1e-3
     steps = np.diff(np.unwrap(np.arctan2(*(kidney.section.rim(TURNS) - 0.5).T)))
-    assert (steps < 0.0).all() or (steps > 0.0).all()  # The prism runs around once
+    assert (steps < 0.0).all() or (steps > 0.0).all()  # it runs around once
 
 
 @pytest.mark.parametrize("exponent", [1.0, 0.45, 0.2])
-def test_prism_has_section_of_sides_or_of_grasp(exponent):
+def test_prism_has_section_of_side_or_grasp(exponent):
     c, s = np.cos(0.6), np.sin(0.6)
     plane = objects.superellipse(TURNS, exponent, 0.5, 0.3) @ np.array([[c, s], [-s, c]])
     section = fit_lattice(prism(plane + [0.1, -0.2]).patch, 1e-3).section
@@ -103,7 +104,7 @@ def test_prism_has_section_of_sides_or_of_grasp(exponent):
 
 
 @pytest.mark.parametrize(("size", "off"), [((4, 4), 0.1), ((6, 9), 1e-2), ((9, 60), 1e-2)])
-def test_size_is_as_asked_and_more_points_come_nearer(size, off):
+def test_lattice_has_requested_size_and_converges(size, off):
     fit = fit_lattice(loft("bent tube").patch, size=size)
     assert fit.lattice.control.shape == (size[0], size[0], size[1], 3)
     assert fit.health.rms < off
@@ -113,7 +114,7 @@ def test_size_is_as_asked_and_more_points_come_nearer(size, off):
         fit_lattice(loft("star").patch, size=(size[0], 3))
 
 
-def test_grid_holds_whole_lattice():
+def test_lattice_grid_restores_lattice():
     rng, box = np.random.default_rng(0), box_lattice(np.zeros(3), np.ones(3), (4, 5, 6))
     control = box.control + 0.1 * rng.normal(size=(4, 5, 6, 3))
     lattice = box.with_control(control, rng.uniform(0.5, 1.0, (4, 5, 6)))
@@ -152,14 +153,14 @@ def lattice_of(solid: LatticeSolid) -> LatticeFit:
 
 
 @pytest.mark.parametrize("weights", [slow(False), True])
-def test_pulled_point_is_passed_and_far_places_stay(weights):
+def test_refined_side_passes_point_and_stays_elsewhere(weights):
     point = outwards(0.55, 0.2, 3.0)
     refined = ball().refined(point, weights=weights)
     assert abs(refined.search().nearest(point).distances[0]) < 1e-6
-    found = lattice_of(refined).refinement
-    assert found.before == pytest.approx(3.0, rel=1e-3)
-    assert (found.points, found.beyond, found.folded) == (1, 0, 0.0)
-    assert max(found.after, found.most) < 1e-6
+    refinement = lattice_of(refined).refinement
+    assert refinement.before == pytest.approx(3.0, rel=1e-3)
+    assert (refinement.points, refinement.beyond, refinement.folded) == (1, 0, 0.0)
+    assert max(refinement.after, refinement.most) < 1e-6
     assert (lattice_of(refined).lattice.volume.weights is not None) == weights
     v, turns = places(500)
     before, after = (solid.surface.at(v, turns) for solid in (ball(), refined))
@@ -167,22 +168,22 @@ def test_pulled_point_is_passed_and_far_places_stay(weights):
     far = np.linalg.norm(before - ball().surface.at(0.55, 0.2), axis=1) > 70.0
     assert moved.max() > 0.5
     assert far.sum() > 100 and moved[far].max() < 3e-4
-    own = ball().refined(np.zeros((0, 3))).surface  # The lattice's
+    own = ball().refined(np.zeros((0, 3))).surface  # that of the lattice
     on_surface = own.at([0.3, 0.5, 0.7], [0.1, 0.4, 0.9])
     same = lattice_of(ball().refined(on_surface, weights=weights))
     assert same.refinement.steps == 0
     assert np.array_equal(same.lattice.control, lattice_of(ball()).lattice.control)
     health = refined.health()
     names = ("points", "beyond", "before", "after", "moved")
-    assert [health[f"refined_{name}"] for name in names] == [getattr(found, n) for n in names]
+    assert [health[f"refined_{name}"] for name in names] == [getattr(refinement, n) for n in names]
     assert health["lattice_folded"] == 0.0
-    if weights:  # They spare control points a part of the way
+    if weights:  # then control points move less
         plain = lattice_of(ball().refined(point)).refinement
-        assert found.moved < plain.moved
+        assert refinement.moved < plain.moved
 
 
 @pytest.mark.slow
-def test_contradicting_and_doubtful_points_are_met_in_middle():
+def test_contradictory_and_uncertain_points_are_met_halfway():
     both = np.concatenate([outwards(0.5, 0.3, 2.0), outwards(0.5, 0.3, -1.0)])
     refined = ball().refined(both)
     assert abs(refined.search().nearest(outwards(0.5, 0.3, 0.5)).distances[0]) < 0.05
@@ -195,8 +196,8 @@ def test_contradicting_and_doubtful_points_are_met_in_middle():
 
 def test_ends_and_poles_are_not_refined():
     refined = tube().refined([[0.1, 0.0, 1.2], [0.0, 0.0, -0.1]])
-    found = lattice_of(refined).refinement
-    assert (found.beyond, found.points) == (2, 0)
+    refinement = lattice_of(refined).refinement
+    assert (refinement.beyond, refinement.points) == (2, 0)
     assert refined.health()["refined_beyond"] == 2.0
     assert np.array_equal(lattice_of(refined).lattice.control, lattice_of(tube()).lattice.control)
     pulled = ball().refined(outwards(0.97, 0.2, 2.0))
@@ -206,7 +207,7 @@ def test_ends_and_poles_are_not_refined():
     assert lattice_of(pulled).refinement.after < 0.2
 
 
-def test_pull_through_other_side_is_fold():
+def test_refinement_through_other_side_folds():
     refined = tube().refined([[-0.6, 0.0, 0.5]])
     point, place = np.array([[-0.8, 0.0, 0.5]]), np.array([[0.5, 0.0]])
     through = refine_lattice(lattice_of(tube()), point, place)

@@ -1,4 +1,4 @@
-"""Superquadrics from points: exactness, certainty, outliers, doubts, refusals, distances."""
+"""Superquadrics from points: accuracy, certainty, outliers, warnings, errors, distances."""
 
 from functools import cache
 from typing import Any, NamedTuple
@@ -50,10 +50,10 @@ def cloud(
     return Cloud(Pose.from_array(pose).to_outer(points), solid, pose, diameter)
 
 
-def error(found: Any, made: Cloud) -> float:
-    """Mean distance of the found surface from the true one, to first order, over the diameter."""
+def error(fit: Any, made: Cloud) -> float:
+    """Mean distance of the fitted surface from the true one, to first order, over the diameter."""
     position, axes = Pose.from_array(made.pose)
-    local = (found.shape().mesh(3).vertices - position) @ axes
+    local = (fit.shape().mesh(3).vertices - position) @ axes
     gauge = made.truth.gauge
     slopes = [(gauge(local + step) - gauge(local - step)) / 2e-6 for step in 1e-6 * np.eye(3)]
     off = (gauge(local) - 1.0) / np.linalg.norm(slopes, axis=0)
@@ -61,25 +61,25 @@ def error(found: Any, made: Cloud) -> float:
 
 
 @pytest.mark.parametrize("exponents", [(0.1, 0.1), (0.3, 1.2), (1.0, 1.0), (1.0, 0.2), (1.7, 0.6)])
-def test_exact_points_give_solid_back(exponents):
+def test_exact_points_recover_solid(exponents):
     made = cloud(exponents=exponents, noise=0.0)
-    found = recover(made.points)
-    assert found.warnings == () and found.fitted and found.converged
-    assert found.rms < 1e-9
-    assert np.sort(found.size) == pytest.approx([0.2, 0.3, 0.5], rel=1e-6)
-    assert np.abs(found.residuals).max() < 1e-8
-    assert error(found, made) < 1e-7
-    assert found.inliers.all()
+    fit = recover(made.points)
+    assert fit.warnings == () and fit.fitted and fit.converged
+    assert fit.rms < 1e-9
+    assert np.sort(fit.size) == pytest.approx([0.2, 0.3, 0.5], rel=1e-6)
+    assert np.abs(fit.residuals).max() < 1e-8
+    assert error(fit, made) < 1e-7
+    assert fit.inliers.all()
 
 
-def test_taper_and_bend_are_recovered_where_asked():
+def test_taper_and_bend_are_recovered_if_requested():
     made = cloud((0.3, 0.2, 0.6), (0.4, 1.1), 100, 0.002, 0, (0.5, -0.3), (0.9, 0.4))
-    found = recover(made.points, taper=True, bend=True)
-    assert found.warnings == ()
-    assert found.names[11:] == ("taper x", "taper y", "bend x", "bend y")
-    assert error(found, made) < 0.004
-    assert abs(found.bend.curvature) == pytest.approx(0.9, abs=0.1)
-    assert np.sort(np.abs(found.taper)) == pytest.approx([0.3, 0.5], abs=0.06)
+    fit = recover(made.points, taper=True, bend=True)
+    assert fit.warnings == ()
+    assert fit.names[11:] == ("taper x", "taper y", "bend x", "bend y")
+    assert error(fit, made) < 0.004
+    assert abs(fit.bend.curvature) == pytest.approx(0.9, abs=0.1)
+    assert np.sort(np.abs(fit.taper)) == pytest.approx([0.3, 0.5], abs=0.06)
     plain = recover(cloud(exponents=(0.5, 1.0)).points)
     assert not plain.taper.any() and plain.bend.curvature == 0.0
     assert plain.covariance.shape == (11, 11)
@@ -93,11 +93,11 @@ def test_taper_and_bend_are_recovered_where_asked():
 )
 def test_choice_of_thesis_is_among_three_shapes(name, exponents):
     made = cloud((0.3, 0.25, 0.5), exponents)
-    found = recover(made.points, choice="thesis")
-    assert (found.choice, tuple(found.exponents)) == (name, exponents)
-    assert found.rank == 9 or name == "sphere"
-    assert found.deviations()["e1"] == 0.0
-    assert error(found, made) < 0.01
+    fit = recover(made.points, choice="thesis")
+    assert (fit.choice, tuple(fit.exponents)) == (name, exponents)
+    assert fit.rank == 9 or name == "sphere"
+    assert fit.deviations()["e1"] == 0.0
+    assert error(fit, made) < 0.01
     assert recover(cloud().points).choice is None
 
 
@@ -107,26 +107,26 @@ def test_errors_of_fits_are_as_large_as_stated():
     errors, shares = [], []
     for seed in range(12):
         made = cloud(seed=seed, turned=False)
-        found = recover(made.points)
-        apart = np.concatenate([np.log(found.size / true[:3]), found.exponents - true[3:]])
-        errors.append(apart / [found.deviations()[name] for name in names])
-        shares.append(error(found, made) * made.diameter / found.looseness)
+        fit = recover(made.points)
+        apart = np.concatenate([np.log(fit.size / true[:3]), fit.exponents - true[3:]])
+        errors.append(apart / [fit.deviations()[name] for name in names])
+        shares.append(error(fit, made) * made.diameter / fit.looseness)
     spread = np.std(errors, axis=0)  # Of 12 fits, by chance from 0.6 to 1.4
     assert (spread > 0.6).all() and (spread < 1.4).all()
     # A normal deviate is on average 0.8 of its standard deviation from 0.
     assert 0.5 < np.median(shares) < 1.2
 
 
-def test_outliers_are_named_and_seen_through():
+def test_outliers_are_marked_and_ignored():
     rng = np.random.default_rng(7)
     made = cloud(exponents=(0.4, 0.9), seed=7)
     stray = np.arange(60) < 9
     away = made.points.mean(axis=0) + rng.uniform(-0.7, 0.7, (60, 3))
     points = np.where(stray[:, None], away, made.points)
-    found = recover(points, outliers=True, noise=0.005)
-    assert found.inliers[~stray].mean() > 0.9
-    assert found.inliers[stray].sum() <= 2
-    assert error(found, made) < 0.02 < error(recover(points), made)
+    fit = recover(points, outliers=True, noise=0.005)
+    assert fit.inliers[~stray].mean() > 0.9
+    assert fit.inliers[stray].sum() <= 2
+    assert error(fit, made) < 0.02 < error(recover(points), made)
 
 
 @pytest.mark.parametrize(
@@ -145,14 +145,14 @@ def test_pose_unit_and_order_do_not_matter(kind, options, rotations):
     vertices = first.shape().mesh(3).vertices
     for which, turn in enumerate(rotations(3)):
         unit, shift = (1e-3, 1.0, 1e3)[which], np.array([1.0, -2.0, 3.0]) * which
-        found = recover(unit * (made.points[::-1] @ turn.T + shift), **options)
-        position, axes = Pose.from_array(found.pose)
+        fit = recover(unit * (made.points[::-1] @ turn.T + shift), **options)
+        position, axes = Pose.from_array(fit.pose)
         there = (unit * (vertices @ turn.T + shift) - position) @ axes
-        there[:, :2] /= 1.0 + np.outer(there[:, 2] / found.size[2], found.taper)
-        gauge = Superquadric(found.size, found.exponents).gauge(there)
+        there[:, :2] /= 1.0 + np.outer(there[:, 2] / fit.size[2], fit.taper)
+        gauge = Superquadric(fit.size, fit.exponents).gauge(there)
         assert np.abs(gauge - 1.0).max() < 1e-5
-        assert found.size == pytest.approx(unit * first.size, rel=1e-5)
-        assert found.residuals[::-1] == pytest.approx(unit * first.residuals, abs=1e-6 * unit)
+        assert fit.size == pytest.approx(unit * first.size, rel=1e-5)
+        assert fit.residuals[::-1] == pytest.approx(unit * first.residuals, abs=1e-6 * unit)
 
 
 @pytest.mark.parametrize(
@@ -162,10 +162,10 @@ def test_pose_unit_and_order_do_not_matter(kind, options, rotations):
         ((1.0, 1.0, 0.05), (1.0, 1.0)),  # A disc
         ((0.05, 0.05, 1.0), (1.0, 1.0)),  # A needle
         ((0.5, 0.5, 0.7), (0.1, 1.0)),
-        ((0.5, 0.5, 0.5), (1.0, 1.0)),  # A ball, whose turns nothing tells
+        ((0.5, 0.5, 0.5), (1.0, 1.0)),  # a ball, whose rotation is undetermined
     ],
 )
-def test_hard_shapes_are_found_from_anywhere(size, exponents):
+def test_hard_shapes_are_recovered_in_any_pose(size, exponents):
     for seed in range(2):
         made = cloud(size, exponents, seed=seed)
         assert error(recover(made.points), made) < 0.02
@@ -176,7 +176,7 @@ def test_hard_shapes_are_found_from_anywhere(size, exponents):
         assert min(exact.deviations()[f"turn {axis}"] for axis in "xyz") > 0.9
 
 
-def test_turned_cube_is_no_octahedron(rotations):
+def test_turned_cube_is_not_taken_for_octahedron(rotations):
     points = Superquadric(np.ones(3), np.full(2, 0.1)).mesh(2).vertices
     turn = np.array([[1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [0.0, 0.0, np.sqrt(2)]]) / np.sqrt(2)
     for turned in (turn, turn[:, [1, 2, 0]], turn @ turn[:, ::-1], *rotations(2)):
@@ -198,28 +198,28 @@ RANDOM = np.random.default_rng(0)
     ],
 )
 @pytest.mark.parametrize("options", [{}, {"taper": True, "bend": True}, {"outliers": True}])
-def test_points_of_no_solid_give_ellipsoid_that_says_why(points, warning, options):
-    found = recover(points, **options)
-    assert found.warnings == (warning,)
-    assert not found.fitted and not found.converged and found.rank == 0
-    assert found.exponents.tolist() == [1.0, 1.0]
-    numbers = (found.size, found.pose, found.residuals, found.covariance, [found.rms])
+def test_degenerate_points_give_ellipsoid_with_warning(points, warning, options):
+    fit = recover(points, **options)
+    assert fit.warnings == (warning,)
+    assert not fit.fitted and not fit.converged and fit.rank == 0
+    assert fit.exponents.tolist() == [1.0, 1.0]
+    numbers = (fit.size, fit.pose, fit.residuals, fit.covariance, [fit.rms])
     assert all(np.isfinite(part).all() for part in numbers)
-    if found.size.any():
-        low, high = found.shape().bounds()
+    if fit.size.any():
+        low, high = fit.shape().bounds()
         assert (high - low).max() <= 2.5 * np.abs(points - points.mean(axis=0)).max()
 
 
 @pytest.mark.slow
-def test_doubtful_points_are_doubted():
+def test_uncertain_fits_have_warnings():
     for thickness in (1e-5, 1e-2):
-        found = recover(np.random.default_rng(1).normal(size=(60, 3)) * [1.0, 1.0, thickness])
-        assert np.isfinite(found.covariance).all() and found.warnings
+        fit = recover(np.random.default_rng(1).normal(size=(60, 3)) * [1.0, 1.0, thickness])
+        assert np.isfinite(fit.covariance).all() and fit.warnings
     made = cloud(exponents=(0.6, 0.8))
     most = np.concatenate([np.tile(made.points[:1], (70, 1)), made.points[1:]])
-    found = recover(most, outliers=True)
-    assert found.warnings and np.isfinite(found.covariance).all()
-    assert np.linalg.norm(found.pose[:3] - made.pose[:3]) < 0.3 * made.diameter
+    fit = recover(most, outliers=True)
+    assert fit.warnings and np.isfinite(fit.covariance).all()
+    assert np.linalg.norm(fit.pose[:3] - made.pose[:3]) < 0.3 * made.diameter
     excessive = recover(made.points, outliers=True, noise=1e300)
     assert "loose" in excessive.warnings and np.isfinite(excessive.covariance).all()
     for count, noise in ((11, 0.01), (60, 0.08)):
@@ -227,10 +227,10 @@ def test_doubtful_points_are_doubted():
             recover(cloud(exponents=(0.6, 0.8), count=count, noise=noise, seed=seed).points)
             for seed in range(3)
         ]
-        assert sum("loose" in found.warnings for found in fits) >= 2
+        assert sum("loose" in fit.warnings for fit in fits) >= 2
 
 
-def test_half_solid_is_doubted_and_stays_within_its_points():
+def test_half_covered_solid_has_warning_and_stays_bounded():
     certain = []
     for seed in range(4):
         made = cloud(exponents=(0.6, 0.8), count=120, turned=False, seed=seed)
@@ -255,7 +255,7 @@ def test_half_solid_is_doubted_and_stays_within_its_points():
         (np.ones((20, 3)), {"choice": "cube"}, "choice must be 'thesis' or None, got 'cube'"),
     ],
 )
-def test_refusals_of_recovery(points, options, words):
+def test_recovery_rejects_invalid_arguments(points, options, words):
     with pytest.raises(ValueError, match=words):
         recover(points, **options)
     with pytest.raises(ValueError, match="size must be positive"):
@@ -291,7 +291,7 @@ def test_derivatives_of_distances_are_those_of_differences(warps, bend):
         )
         wanted = (ahead - back) / 2e-6
         off = np.abs(jacobian[:, :, column] - wanted) / (1.0 + np.abs(wanted))
-        # But for the few points next to a crease, where derivatives have no bound.
+        # Except at the few points next to a crease, where derivatives have no bound.
         assert np.quantile(off, 0.98) < 2e-8
         assert np.median(off) < 1e-9
 
@@ -312,7 +312,7 @@ def test_distances_from_ball_octahedron_and_disc():
     warped = DeformedSuperquadric(Superquadric(size, EXPONENTS), taper, bending).mesh(3).vertices
     parameters = np.concatenate([np.log(size), EXPONENTS, np.zeros(6), taper, bend])[None]
     assert np.abs(distances_alone(parameters, warped, np.eye(3)[None], KINDS[3])).max() < 1e-14
-    above = np.array([[0.5, 0.0, 0.05 * np.sqrt(0.75) + 1e-4]])  # Across, not along the radius
+    above = np.array([[0.5, 0.0, 0.05 * np.sqrt(0.75) + 1e-4]])  # across, not along the radius
     assert rigid([1.0, 1.0, 0.05], [1.0, 1.0], above)[0] == pytest.approx(1e-4, rel=0.01)
 
 

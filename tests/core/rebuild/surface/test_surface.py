@@ -34,8 +34,8 @@ class EllipsoidSide(surfaces.Patch):
         angle = 2 * np.pi * np.asarray(turns) + 0.5 * np.pi * by[1]
         across = np.cos(latitude) * step ** by[0] * (2 * np.pi) ** by[1]
         up = np.sin(latitude) * step ** by[0] * (by[1] == 0)
-        found = np.column_stack([across * np.cos(angle), across * np.sin(angle), up])
-        return np.asarray(self.size * found + self.place * (by == (0, 0)))
+        unit = np.column_stack([across * np.cos(angle), across * np.sin(angle), up])
+        return np.asarray(self.size * unit + self.place * (by == (0, 0)))
 
 
 def end_of(radius: Callable[[Floats], Floats], gap: float, shift: float = 0.0) -> End:
@@ -84,12 +84,12 @@ def test_points_normals_and_curvatures_are_those_of_ellipsoid():
     x, normals = whole().at(v, turns), whole().normals(v, turns)
     np.testing.assert_allclose(np.linalg.norm(x / SIZE, axis=1), 1.0, atol=1e-14)
     np.testing.assert_allclose(normals, units(x / SIZE**2), atol=1e-9)
-    found = whole().curvatures(v, turns)
+    curvatures = whole().curvatures(v, turns)
     support = 1.0 / np.linalg.norm(x / SIZE**2, axis=1)
     gauss = support**4 / np.prod(SIZE) ** 2
     mean = support**3 * (np.sum(SIZE**2) - np.sum(x**2, axis=1)) / (2.0 * np.prod(SIZE) ** 2)
-    np.testing.assert_allclose(found.k1 * found.k2, gauss, rtol=1e-9)
-    np.testing.assert_allclose(0.5 * (found.k1 + found.k2), mean, rtol=1e-9)
+    np.testing.assert_allclose(curvatures.k1 * curvatures.k2, gauss, rtol=1e-9)
+    np.testing.assert_allclose(0.5 * (curvatures.k1 + curvatures.k2), mean, rtol=1e-9)
     poles, limit = np.array([0.0, 1.0]), whole().curvatures([0.0, 1.0], [0.0, 0.0])
     ends = whole().normals(poles, [0.1, 0.7])
     np.testing.assert_allclose(ends, [[0, 0, -1], [0, 0, 1]], atol=1e-4)
@@ -130,30 +130,30 @@ def test_derivatives_are_those_of_differences_and_pieces_meet(name):
         (lambda: close_surface(EllipsoidSide(SIZE * [1, -1, 1])), "must run counter-clockwise"),
         (lambda: mesh_surface(whole(), 0.0), "tolerance must be positive and finite"),
         (lambda: mesh_surface(whole(), np.inf), "tolerance must be positive and finite"),
-        (lambda: mesh_surface(whole(), 1e-9), "tolerance must let 2000000 vertices suffice, got"),
+        (lambda: mesh_surface(whole(), 1e-9), "tolerance must need at most 2000000 vertices, got"),
         (lambda: searched("whole").nearest([[np.nan, 0.0, 0.0]]), "points must be finite"),
     ],
 )
-def test_refusals_of_surfaces(ask, words):
+def test_surfaces_reject_invalid_arguments(ask, words):
     with pytest.raises(ValueError, match=words):
         ask()
 
 
 def test_integrals_are_exact_anywhere_and_in_any_unit():
-    found = surfaces.measure_surface(whole())
+    measures = surfaces.measure_surface(whole())
     a, b, c = SIZE**2
     inertia = VOLUME / 5.0 * np.diag([b + c, a + c, a + b])
-    assert found.moments.volume == pytest.approx(VOLUME, rel=1e-12)
-    np.testing.assert_allclose(found.moments.centroid, 0.0, atol=1e-15)
-    np.testing.assert_allclose(found.inertia(), inertia, atol=1e-12 * VOLUME)
-    assert found.error < 1e-9
+    assert measures.moments.volume == pytest.approx(VOLUME, rel=1e-12)
+    np.testing.assert_allclose(measures.moments.centroid, 0.0, atol=1e-15)
+    np.testing.assert_allclose(measures.inertia(), inertia, atol=1e-12 * VOLUME)
+    assert measures.error < 1e-9
     sphere = surfaces.measure_surface(close_surface(EllipsoidSide(np.full(3, 0.03))))
     assert sphere.area == pytest.approx(4 * np.pi * 0.03**2, rel=1e-12)
     shift = np.array([100.0, -200.0, 300.0])
     there = surfaces.measure_surface(close_surface(EllipsoidSide(SIZE, at=shift)))
     assert there.moments.volume == pytest.approx(VOLUME, rel=1e-9)
     np.testing.assert_allclose(there.moments.centroid, shift, rtol=1e-12)
-    expected = found.moments.second + VOLUME * np.outer(shift, shift)
+    expected = measures.moments.second + VOLUME * np.outer(shift, shift)
     np.testing.assert_allclose(there.moments.second, expected, rtol=1e-9)
 
 
@@ -164,7 +164,7 @@ def test_integrals_of_pieces_between_edges_are_exact():
     share = float(frustum.profile.radius_ratios(np.ones(1))[0])
     top = replace(frustum, rim=rim, height=rim + 0.02)
     below = replace(FAN, rim=bottom, height=bottom)
-    found = surfaces.measure_surface(close_surface(EllipsoidSide(size, low, high), below, top))
+    measures = surfaces.measure_surface(close_surface(EllipsoidSide(size, low, high), below, top))
     wide, narrow = 0.03 * np.cos(high), 0.03 * np.cos(high) * share
     ball = np.pi * (0.03**2 * (rim - bottom) - (rim**3 - bottom**3) / 3.0)
     volume = ball + np.pi * 0.02 / 3.0 * (wide**2 + wide * narrow + narrow**2)
@@ -172,8 +172,8 @@ def test_integrals_of_pieces_between_edges_are_exact():
     wall = np.pi * (wide + narrow) * np.hypot(0.02, wide - narrow)
     area = 2 * np.pi * 0.03 * (rim - bottom) + wall + discs
     assert share == pytest.approx(1.0 / 1.3)
-    assert found.moments.volume == pytest.approx(volume, rel=1e-10)
-    assert found.area == pytest.approx(area, rel=1e-10)
+    assert measures.moments.volume == pytest.approx(volume, rel=1e-10)
+    assert measures.area == pytest.approx(area, rel=1e-10)
 
 
 def farthest(surface: Surface, mesh: surfaces.SurfaceMesh) -> float:
@@ -181,7 +181,7 @@ def farthest(surface: Surface, mesh: surfaces.SurfaceMesh) -> float:
     return float(nearest_points(nearest_search(mesh.vertices[mesh.faces]), points).distances.max())
 
 
-def test_mesh_meets_tolerance_without_waste():
+def test_mesh_meets_tolerance_with_few_vertices():
     counts = []
     for tolerance in (1e-3, 8e-5, 2e-5):
         mesh = mesh_surface(whole(), tolerance)
@@ -191,7 +191,7 @@ def test_mesh_meets_tolerance_without_waste():
     assert counts[2] / counts[1] == pytest.approx(4.0, rel=0.25)
     corners = mesh.vertices[mesh.faces]
     edges = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
-    # In rings of equal numbers the edges at the poles would be some hundred times shorter.
+    # If all rings had as many points, edges at the poles would be a hundred times shorter.
     assert (edges.max(axis=1) / edges.min(axis=1)).max() < 15.0
 
 
@@ -215,7 +215,7 @@ def test_meshes_with_ends_are_closed_and_within_tolerance(name):
     mesh = mesh_surface(surface)
     body = solidity(mesh.vertices, mesh.faces)
     assert body[:3] == (True, 1, 0) and body.volume > 0.0
-    assert farthest(surface, mesh) <= surfaces.DEFAULT_TOLERANCE * surface.size
+    assert farthest(surface, mesh) <= surfaces.MeshSettings().default_tolerance * surface.size
     assert self_intersection(mesh.vertices, mesh.faces).count == 0
 
 
@@ -252,14 +252,14 @@ def test_nearest_points_across_edges_are_no_farther_than_fine_mesh():
     worse = np.abs(foot.distances) - near.distances
     assert foot.converged.all()
     assert worse.min() >= -1e-5 and worse.max() <= 3e-4
-    # Only about the middle, where places far apart are almost equally near.
+    # Only near the middle, where places far apart are almost equally near.
     assert np.mean(worse > 1e-5) < 0.005
 
 
 @pytest.mark.parametrize("off", [1e-9, 1e-6, 1e-4, -1e-9, -1e-6, -1e-4])
 def test_distances_next_to_surface_keep_digits_and_sign(off):
     v, turns = np.random.default_rng(2).random((2, 500))
-    apart = np.abs(v[:, None] - capped().seams).min(axis=1) > 0.02  # An edge's inside is wider
+    apart = np.abs(v[:, None] - capped().seams).min(axis=1) > 0.02  # normals meet inside an edge
     v, turns = v[apart], turns[apart]
     points = capped().at(v, turns) + off * capped().normals(v, turns)
     np.testing.assert_allclose(searched("capped").nearest(points).distances, off, rtol=1e-6)
@@ -269,7 +269,7 @@ def test_distances_next_to_surface_keep_digits_and_sign(off):
     assert (searched("capped").inside(beyond) == (off < 0.0)).all()
 
 
-def test_sampled_patch_is_what_was_sampled():
+def test_sampled_patch_interpolates_function():
     def ball(v: Floats, turns: Floats) -> Floats:
         eta = np.pi * (v**2 - 0.5)[:, None]
         omega = 2 * np.pi * (turns + 0.1 * np.sin(2 * np.pi * turns))[None]
@@ -284,7 +284,7 @@ def test_sampled_patch_is_what_was_sampled():
     assert up == pytest.approx(slopes, abs=1e-5)
     ring = surfaces.sampled_patch(ball).at(np.full(64, 0.5), np.arange(64) / 64)
     steps = np.linalg.norm(np.diff(ring, axis=0), axis=1)
-    assert steps.max() < 1.4 * steps.min()  # Even, whatever the parameters
+    assert steps.max() < 1.4 * steps.min()  # even, whatever the parameters
     surface = surfaces.closed_surface((patch,))
     assert np.ptp(surface.at(np.zeros(5), np.linspace(0, 1, 5)), axis=0).max() < 1e-12
     assert surfaces.measure_surface(surface).moments.volume == pytest.approx(
@@ -295,13 +295,13 @@ def test_sampled_patch_is_what_was_sampled():
 
 
 @pytest.mark.parametrize("kind", ["skin", "lattice", slow("thesis"), slow("weighted")])
-def test_grids_of_rebuilt_surfaces_are_their_places(kind):
+def test_grid_evaluation_equals_evaluation_at_places(kind):
     rings = Traced("kidney").contours(np.linspace(-0.8, 0.8, 7), 40)
     solid = reconstruct(rings, method="lattice" if kind == "weighted" else kind)
     if kind == "weighted":
         solid = solid.refined(rings[4] * [1.01, 1.0, 1.0], weights=True)
     surface, v, turns = solid.surface, np.linspace(0.01, 0.99, 23), np.linspace(-0.5, 1.0, 23)
-    assert_derivatives(surface.at, v, turns, 1e-2, 0.7, surface.on_grid)  # But for knots
+    assert_derivatives(surface.at, v, turns, 1e-2, 0.7, surface.on_grid)  # except at knots
     mesh = surfaces.grid_mesh(surface)
     body = solidity(mesh.vertices, mesh.faces)
     assert body.watertight and body.genus == 0 and body.volume > 0.0
