@@ -107,7 +107,8 @@ def _end_deviation(
     untouched = widest_untouched(untouched, around, pitch)
     hidden = around * float(np.mean(2.0 * untouched * np.square(settings.edge_error * untouched)))
     off = 0.0 if contacts is None or end.pointed else _misfit(end, direction, ring, contacts)
-    level = (DEFAULT_ERROR_BOUND.min_pose_fraction * side.scatter) ** 2 + max(off**2 - side.scatter**2, 0.0)
+    left = DEFAULT_ERROR_BOUND.min_pose_fraction * side.scatter
+    level = left**2 + max(off**2 - side.scatter**2, 0.0)
     level += 0.0 if end.relief is None else end.relief.deviation**2
     return hidden + area * level, 0.0
 
