@@ -60,6 +60,7 @@ from palpate.core.explore.planners.protocol import (
     slice_without_contour as slice_without_contour,
 )
 from palpate.core.explore.planners.surface import (
+    HIDDEN as HIDDEN,
     PLACES as PLACES,
     ObservedSurface as ObservedSurface,
     OpenArea as OpenArea,

@@ -25,7 +25,7 @@ from palpate.core.explore.planners.hollows import (
     pad_width,
 )
 from palpate.core.explore.planners.verdict import Findings
-from palpate.core.geometry import areas_and_normals, point_tree, sample_surface
+from palpate.core.geometry import areas_and_normals, axes_across, point_tree, sample_surface
 from palpate.core.poses import Pose
 from palpate.core.shapes import Mesh, TriangleShape
 from palpate.core.touch import Pad
@@ -54,7 +54,10 @@ class HiddenSettings:
     unknown_slope: float = 0.5  # of places that no finger came near to
     crease_slope: float = 0.3  # of creases that hold the pad off
     # Of an opening, over half its width, walls included: that of a hole four times as deep as wide.
+    # Where the solid is thinner than that, the hole goes through it and is no deeper.
     opening_slope: float = 16.0
+    tilt: float = math.radians(40.0)  # [rad] of directions about the normal in which a hole may go
+    lateral: float = 3.0e-3  # [m] of the far side from such a direction, with what was drawn of it
     min_room: float = 0.8  # fraction of the tolerance that the rest must leave to touchable places
 
 
@@ -117,7 +120,8 @@ class ObservedSurface:
         """
         places, near = self.places, 0.5 * NEAR * pad_width(self.pad)
         squares = np.square(places.errors if places.errors.any() else places.distances)
-        squares = np.where(places.spanned, np.square(places.bounds), squares)
+        opened = np.square(HIDDEN.opening_slope * places.distances)
+        squares = np.where(places.spanned, np.maximum(opened, np.square(places.bounds)), squares)
         if self.pose is not None:  # what it stood on at first can be touched now
             hidden = np.square(HIDDEN.unknown_slope * places.distances)
             squares = np.where(places.flat, np.maximum(squares, hidden), squares)
@@ -233,10 +237,24 @@ class ObservedSurface:
     @cached_property
     def bounds_there(self) -> Floats:
         """Bounds of 95 % of the errors at the places, and of what creases may hide, (n,), m."""
-        distances = self.places.distances
-        slopes = np.where(self.creased, HIDDEN.crease_slope, 0.0)
-        slopes[self.pits] = HIDDEN.opening_slope
-        return np.maximum(self.places.bounds, slopes * distances)
+        hidden = np.where(self.creased, HIDDEN.crease_slope, 0.0) * self.places.distances
+        return np.maximum(self.places.bounds, np.maximum(hidden, self.hole_errors))
+
+    @cached_property
+    def hole_errors(self) -> Floats:
+        """What holes may hide in openings and pits, (n,), m; 0 elsewhere.
+
+        The root mean square of the distances of a hole's walls from the surface that closes it,
+        over the area of that: of a hole of radius r through a thickness t it is at most
+        (t^3 / (6 r) + t^2 / 4)^(1/2), a blind one included.
+        """
+        places, errors = self.places, np.zeros(PLACES.n_places)
+        opened = np.flatnonzero(places.spanned | self.pits).astype(np.int32)
+        radii = np.maximum(places.distances[opened], np.finfo(float).tiny)
+        depths = _thickness(places, opened)
+        through = np.sqrt(depths**3 / (6.0 * radii) + 0.25 * depths**2)
+        errors[opened] = np.minimum(HIDDEN.opening_slope * radii, through)
+        return errors
 
     @cached_property
     def pits(self) -> Bools:
@@ -275,9 +293,9 @@ class ObservedSurface:
     @cached_property
     def hidden(self) -> float:
         """What the open area may hide of which slices know nothing, over the whole surface, m."""
-        slope = np.where(self.places.spanned, HIDDEN.opening_slope, HIDDEN.unknown_slope)
+        hidden = np.maximum(HIDDEN.unknown_slope * self.places.distances, self.hole_errors)
         hides = self.away & ~self.places.under & ~self.reached
-        return float(np.sqrt((np.square(slope * self.places.distances) * hides).mean()))
+        return float(np.sqrt((np.square(hidden) * hides).mean()))
 
     @cached_property
     def away(self) -> Bools:
@@ -386,9 +404,28 @@ def _places(surface: ObservedSurface) -> SurfacePlaces:
     if len(surface.openings):
         near = point_tree(surface.openings).query(points)[0] < PLACES.opening_depth
         spanned = near & (distances > PLACES.min_opening) & ~flat
-        bounds = np.where(spanned, np.maximum(bounds, HIDDEN.opening_slope * distances), bounds)
     errors_there = errors, bounds, distances
     return SurfacePlaces(points, normals, *errors_there, standing, flat, under, spanned)
+
+
+def _thickness(places: SurfacePlaces, numbers: Ints) -> Floats:
+    """How thick (k,) the solid is below some of the places, m: most, in five directions inwards.
+
+    Infinite where no far side was drawn in one of them.
+    """
+    thickness = np.zeros(len(numbers))
+    for row, number in enumerate(numbers):
+        inward = -places.normals[number]
+        aside = axes_across(inward[None])[0]
+        leaning = math.sin(HIDDEN.tilt) * np.concatenate([aside, -aside])
+        away = places.points - places.points[number]
+        for direction in (inward, *(math.cos(HIDDEN.tilt) * inward + leaning)):
+            depths = away @ direction
+            lateral = np.linalg.norm(away - depths[:, None] * direction, axis=1)
+            far = (lateral < HIDDEN.lateral) & (depths > 0.0) & (places.normals @ direction > 0.0)
+            depth = float(depths[far].min(initial=np.inf)) + HIDDEN.lateral
+            thickness[row] = max(thickness[row], depth)
+    return thickness
 
 
 def _stands(heights: Floats) -> Bools:

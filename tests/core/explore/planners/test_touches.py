@@ -142,6 +142,24 @@ def test_spanned_opening_is_unknown_until_touched():
     assert failures(replace(lying, underside_share=0.0)) == ["underside"]
 
 
+@pytest.mark.parametrize("thickness", [3e-3, 10e-3, 40e-3])
+def test_bound_of_an_opening_covers_a_hole_through_the_solid(thickness):
+    radius, top = 4e-3, np.array([0.0, 0.0, thickness])
+    plate = shapes.Superquadric(np.array([0.03, 0.03, 0.5 * thickness]), np.full(2, 0.02)).mesh(5)
+    plate = shapes.Mesh(plate.vertices + 0.5 * top, plate.faces)
+    edges = np.linspace(-4e-3, 4e-3, 9)
+    mouth = top + np.array([[x, y, 0.0] for x in edges for y in edges])
+    away = lambda at: np.clip(radius - float(np.linalg.norm(at - top)), 1e-5, radius)  # noqa: E731
+    surface = solid(plate, EXACT, away, openings=mouth, platform=None).surface
+    hidden = float(np.square(surface.hole_errors).mean()) * surface.area
+    walls = 2.0 * math.pi * radius * thickness * thickness**2 / 12.0  # of distances from both ends
+    deepest = planners.HIDDEN.opening_slope * surface.places.distances[surface.places.spanned]
+    if thickness < 30e-3:
+        assert walls < hidden < 40.0 * walls and surface.hole_errors.max() < deepest.max()
+    else:  # deeper holes are bounded as one that is four times as deep as wide
+        assert surface.hole_errors.max() == pytest.approx(deepest.max())
+
+
 def test_deep_hole_does_not_end_touches_of_the_rest():
     """What it may hide is far more than what touches elsewhere bring."""
     top = MIDDLE + [0.0, 0.0, RADIUS]
