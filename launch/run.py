@@ -393,7 +393,7 @@ def perform(plan: Plan, *, composed: bool, display: Display) -> Run:
     folder.write_summary(summary)
     types = {name for wiring in plan.wirings for name in wiring.types.values()}
     code = exit_code(summary, rebuilds=ShapeModel.__name__ in types)
-    trace = folder.path / LOG if progress.traced else None
+    trace = folder.path / LOG if progress.has_trace else None
     return Run(folder.path, ending, summary, progress.model, code, trace)
 
 

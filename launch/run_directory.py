@@ -275,7 +275,7 @@ def summarise(ending: Ending, progress: Progress, scene: str | None, seed: int |
         "placement_faults": [] if model is None else list(model.placement_faults),
         "contacts": progress.contacts,
         "contours": progress.contours,
-        "contours_failed": progress.failed,
+        "contours_failed": progress.failed_contours,
         "uncovered_m": done and done.uncovered,
         "touches": progress.touches,
         "robot_time_s": progress.robot_time,

@@ -257,7 +257,7 @@ def _node_table(nodes: Mapping[str, Mapping[str, Any]]) -> list[str]:
     for name, one in nodes.items():
         timing = f"{one['p50_us']:.0f}", f"{one['p99_us']:.0f}", f"{one['cpu_s']:.2f}"
         rows.append(("", name, str(one["messages"]), *timing))
-    return text_table(rows, right=range(2, 6), least=(TITLE_WIDTH - 2,))
+    return text_table(rows, right=range(2, 6), min_widths=(TITLE_WIDTH - 2,))
 
 
 def _steps(steps: Mapping[str, float]) -> list[str]:

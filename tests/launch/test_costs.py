@@ -25,7 +25,7 @@ from palpate.launch.demand import (
 from palpate.launch.exchange_rate import (
     AXES,
     BOUND,
-    COSTS,
+    HALVING_COSTS,
     ERROR,
     cost_curve,
     draw_text,
@@ -166,8 +166,8 @@ TWO = [estimate(2, 20, 1e-3), estimate(3, 40, 1e-4)]
 
 def test_score_and_estimate_of_a_model_are_one_entry_at_its_time():
     estimates = [estimate(2, 20, 1e-3), estimate(3, 40, 5e-4, 12.0)]
-    spent = [(1.0, 2.0), (3.0, 6.0)]
-    first, second = curve(estimates, [scored(2, 20, 8e-4)], made={2: 1.5}, spent=spent)
+    times = [(1.0, 2.0), (3.0, 6.0)]
+    first, second = curve(estimates, [scored(2, 20, 8e-4)], model_times={2: 1.5}, compute_times=times)
     assert [one["rms_m"] for one in (first, second)] == [8e-4, None]
     assert [one["rms_bound_95_m"] for one in (first, second)] == [1e-3, 5e-4]
     assert [one["wall_s"] for one in (first, second)] == [1.5, 3.0]
@@ -196,9 +196,9 @@ def test_actual_cost_of_halving_stands_beside_its_forecast():
 
 
 def test_last_entry_of_finished_run_has_all_compute_time():
-    done, spent = example(PlanDone, number=3), [(2.0, 1.0), (3.0, 2.0)]
-    assert curve(TWO, spent=spent, done=done, compute=7.5)[-1]["compute_s"] == 7.5
-    assert curve(TWO, spent=spent, compute=7.5)[-1]["compute_s"] == 2.0
+    done, times = example(PlanDone, number=3), [(2.0, 1.0), (3.0, 2.0)]
+    assert curve(TWO, compute_times=times, done=done, compute=7.5)[-1]["compute_s"] == 7.5
+    assert curve(TWO, compute_times=times, compute=7.5)[-1]["compute_s"] == 2.0
     assert curve(TWO)[-1]["compute_s"] is None
     assert curve(compute=7.5) == []
 
@@ -207,9 +207,9 @@ def test_halvings_are_told_in_words():
     estimates = [estimate(2, 20, 1e-3, 16.0), estimate(3, 40, 4e-4, 12.3)]
     assert halving_lines(curve(estimates)) == [
         "next halving of the bound: about 12 touches, 37 s",
-        "last halving of the bound: foretold 16 touches, 48 s; took 20 touches, 40 s",
+        "last halving of the bound: expected 16 touches, 48 s; took 20 touches, 40 s",
     ]
-    none = "no further slice halves the bound, as far as can be told"
+    none = "no further slice is expected to halve the bound"
     assert halving_lines(curve(TWO[:1])) == [none]
     assert halving_lines([]) == []
 
@@ -314,7 +314,7 @@ def test_panels_have_a_mark_a_model_in_named_units():
             for label, key in (("true error (rms)", ERROR), ("error bound (95 %)", BOUND)):
                 models = np.array([(one[axis], 1e3 * one[key]) for one in CURVE])
                 assert lines[label] == pytest.approx(models)
-            assert ("next halving of the bound" in lines) == (axis in COSTS)
+            assert ("next halving of the bound" in lines) == (axis in HALVING_COSTS)
             (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
             for points in (lines[label] for label in lines if " mm" not in label):
                 assert ((left < points[:, 0]) & (points[:, 0] < right)).all()

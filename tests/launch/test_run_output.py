@@ -47,7 +47,7 @@ RUN = Path("runs/r")
 def test_table_is_aligned_and_no_cell_is_cut():
     rows = [("topic", "n", "to"), ("/a", "12", ""), ("/[b]x", "3", ":smile:")]
     assert text_table(rows, (1,)) == ["topic   n  to", "/a     12", "/[b]x   3  :smile:"]
-    assert "x" * 200 in text_table([("a", "b"), ("x" * 200, "1")], least=(1, 3))
+    assert "x" * 200 in text_table([("a", "b"), ("x" * 200, "1")], min_widths=(1, 3))
     assert text_table([("a", "b")], (1,), (3, 4)) == ["a       b"]
 
 
@@ -81,7 +81,7 @@ def test_progress_adds_up_and_log_is_json(contour, tetrahedron, score):
     progress = watcher.progress
     assert (progress.contours, progress.touches, progress.robot_time) == (2, 60, 15.0)
     assert (progress.ready, progress.model, progress.score) == (0.5, tetrahedron, score)
-    assert 0.0 <= progress.made[tetrahedron.number] <= progress.wall
+    assert 0.0 <= progress.model_times[tetrahedron.number] <= progress.wall
     assert progress.compute_at(progress.wall) == 3.0
     assert 0.0 <= progress.scores[0][0] <= progress.wall
     watcher.log(record())
@@ -386,7 +386,7 @@ OPEN = {
 @pytest.mark.parametrize("status", ["finished", "died", "stalled", "interrupted"])
 @pytest.mark.parametrize("folder", [RUN, Path("runs") / ("a_long_name_" * 8)])
 def test_headline_cuts_nothing_off(progress, status, folder):
-    progress.failed, reason = 3, "why " * 100 + "indeed"
+    progress.failed_contours, reason = 3, "why " * 100 + "indeed"
     progress.done = planned({"error_bound": 1e-3}, reason=reason, **OPEN)
     lines, words = headline(progress, status, "so " * 90 + "there", files=["a"], folder=folder)
     assert max(len(line) for line in lines if str(folder) not in line) <= TEXT_WIDTH
@@ -402,7 +402,7 @@ def test_headline_cuts_nothing_off(progress, status, folder):
 
 
 def test_headline_names_doubts(progress, score):
-    bound, progress.failed = 0.5 * score.rms, 1
+    bound, progress.failed_contours = 0.5 * score.rms, 1
     progress.done = planned({"error_bound": bound}, **OPEN | {"open_share": 4e-4})
     summary = summary_of(progress) | {"restarts": {"tracer": 2}, "gaps": 3}
     words = " ".join(headline_text(summary, [], RUN).split())
