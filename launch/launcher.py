@@ -137,7 +137,7 @@ def _card(
 def _check(wirings: Sequence[Wiring], ends: str) -> None:
     names = [check_node_name(wiring.name) for wiring in wirings]
     if LAUNCHER in names:
-        raise ValueError(f"no node may be called {LAUNCHER!r}: that is the launcher's own name")
+        raise ValueError(f"no node may be named {LAUNCHER!r}: that is the name of the launcher")
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         raise ValueError(f"each node needs a name of its own, {twice[0]!r} is there twice")
@@ -163,7 +163,7 @@ def _sources(wirings: Sequence[Wiring], watch: Sequence[str]) -> dict[str, list[
     sources: dict[str, list[str]] = {}
     for topic in watch:
         if topic not in publisher:
-            raise ValueError(f"nobody publishes {topic}; there are {sorted(publisher)}")
+            raise ValueError(f"no node publishes {topic}; there are {sorted(publisher)}")
         sources.setdefault(publisher[topic], []).append(topic)
     return sources
 

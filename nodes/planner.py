@@ -28,7 +28,7 @@ from palpate.nodes.runtime.node import Deferred, Node, NotReadyError, Outputs
 from palpate.nodes.specs.sensors import CONTACT_ERROR, pad_of_info, resolution_of_info
 
 Length = Annotated[float, Meta(gt=0, le=1, description="m")]
-MOST_TURNS = 8
+MAX_TURNS = 8
 
 
 class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -50,7 +50,7 @@ class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     # What the object stands on, which nothing can touch: taken for flat, or asked to be known.
     underside: explore.Underside = "flat"
     # Times that the object may be turned over, where that lets more of it be touched.
-    turns: Annotated[int, Meta(ge=0, le=MOST_TURNS)] = 1
+    turns: Annotated[int, Meta(ge=0, le=MAX_TURNS)] = 1
     # Along which the object is sliced, in the world, of any length; null for its own axis.
     axis: tuple[float, float, float] | None = None
 
@@ -147,7 +147,7 @@ def _begun(params: Params, state: State) -> tuple[State, Outputs]:
 def _check_tolerance(tolerance: float, resolution: float) -> None:
     if tolerance < resolution:
         raise ValueError(
-            f"tolerance is {tolerance} m; it must be at least what the sensor can tell, "
+            f"tolerance is {tolerance} m; it must be at least the resolution of the sensor, "
             f"{resolution:g} m"
         )
 

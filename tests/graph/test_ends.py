@@ -202,7 +202,7 @@ LOST = replace(COUNTER, inputs=(Input("source", "/sauce", "/in", "TactileFrame")
     ([SOURCE], "sink", [], r"no node 'sink' that could end the graph; there are \['source'\]"),
     ([replace(SOURCE, name="launcher")], "launcher", [], "no node may be called 'launcher'"),
     ([replace(SOURCE, name="two words")], "two words", [], "got 'two words'"),
-    ([SOURCE], "source", ["/model"], "nobody publishes /model"),
+    ([SOURCE], "source", ["/model"], "no node publishes /model"),
     ([SOURCE, TWICE], "source", [], "counter subscribes to /source twice"),
     ([SOURCE, LOST], "source", [],
      "counter subscribes to /sauce of source, who does not publish it"),

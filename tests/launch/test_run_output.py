@@ -193,7 +193,7 @@ def test_files_of_run_directory_are_written_whole():
 @pytest.mark.parametrize(("name", "words"), [
     ("full", "--out full: is not empty"),
     ("file", "--out file: is a file"),
-    ("here\udcff", "its name is no text in UTF-8, so that nodes could not"),
+    ("here\udcff", "its name cannot be encoded in UTF-8 for the nodes"),
     ("file/here", "file/here: cannot be written: Not a directory"),
 ])  # fmt: skip
 def test_unusable_directory_is_refused(name, words):
@@ -534,9 +534,9 @@ def test_failing_node_ends_the_run_with_3_and_its_name(launch_file):
 
 @pytest.mark.parametrize(("text", "fingers", "words"), [
     ("explore:\n  tolerance: 5.0e-6\n", 1,
-     "s.yaml:4: tolerance is 5e-06 m; it must be at least what the sensor can tell, 1e-05 m"),
+     "s.yaml:4: tolerance is 5e-06 m; it must be at least the resolution of the sensor, 1e-05 m"),
     ("effects:\n  - gaussian_noise: {sigma: 50.0e-6}\nexplore:\n  tolerance: 40.0e-6\n", 1,
-     "s.yaml:6: tolerance is 4e-05 m; it must be at least what the sensor can tell, 5e-05 m"),
+     "s.yaml:6: tolerance is 4e-05 m; it must be at least the resolution of the sensor, 5e-05 m"),
     ("explore:\n  planner: uniform\n  settings:\n    count: 2\n", 3,
      "s.yaml:6: count is 2, but there are 3 fingers; a finger would have nothing to do"),
     ("", 4, "fingers is 4, but an object of 0.06 m has room for 3, 0.024 m apart"),

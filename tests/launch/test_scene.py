@@ -133,8 +133,8 @@ def test_slices_of_thin_plate_are_refused(write):
 def test_mesh_is_a_scene_of_its_own(tmp_path):
     scene = load_scene(box_file(tmp_path, holes=1))
     assert (scene.name, scene.size) == ("box", pytest.approx((0.06, 0.05, 0.04)))
-    assert scene.told.startswith("box.ply: taken to be in mm, 60 x 50 x 40 mm; 1 hole of up to ")
-    assert load_scene(box_file(tmp_path)).told == "box.ply: taken to be in mm, 60 x 50 x 40 mm"
+    assert scene.mesh_notes.startswith("box.ply: taken to be in mm, 60 x 50 x 40 mm; 1 hole of up to ")
+    assert load_scene(box_file(tmp_path)).mesh_notes == "box.ply: taken to be in mm, 60 x 50 x 40 mm"
     (tmp_path / "again.yaml").write_text(scene.text, encoding="utf-8")
     for place, file in scene.inputs.items():
         (tmp_path / place).parent.mkdir()
@@ -142,7 +142,7 @@ def test_mesh_is_a_scene_of_its_own(tmp_path):
     again = load_scene(tmp_path / "again.yaml")
     assert again.spec == load_scene(tmp_path / "box.ply").spec
     unit = {("object", "mesh", "unit"): SourceMapped("cm", "--unit")}
-    assert load_scene(box_file(tmp_path), unit).told == ""
+    assert load_scene(box_file(tmp_path), unit).mesh_notes == ""
     assert load_scene(box_file(tmp_path), unit).size == pytest.approx((0.6, 0.5, 0.4))
     size = {("object", "mesh", "size"): SourceMapped("12cm", "--set")}
     assert load_scene(box_file(tmp_path), size).size == pytest.approx((0.12, 0.1, 0.08))
@@ -159,12 +159,12 @@ def test_mesh_beside_the_axis_is_moved_onto_it(tmp_path, write):
     text = "object:\n  mesh: {file: box.ply, unit: mm}\n"
     scene = load_scene(write("s.yaml", text))
     assert middle(scene) == pytest.approx([0.0, 0.0, 0.0], abs=1e-9)
-    assert scene.told == "box.ply: moved by -31, 0, 20 mm, from beside the axis onto it"
+    assert scene.mesh_notes == "box.ply: moved by -31, 0, 20 mm, from beside the axis onto it"
     kept = load_scene(write("s.yaml", text + "  pose: {position: [0.0, 0.0, 0.0]}\n"))
-    assert (middle(kept), kept.told) == (pytest.approx([0.031, 0.0, -0.02]), "")
+    assert (middle(kept), kept.mesh_notes) == (pytest.approx([0.031, 0.0, -0.02]), "")
     near = load_scene(box_file(tmp_path, x=29.0))
     assert middle(near) == pytest.approx([0.029, 0.0, -0.02])
-    assert "moved" not in near.told
+    assert "moved" not in near.mesh_notes
 
 
 def test_untrusted_scene_names_no_outer_file_or_program(write, tmp_path, monkeypatch):

@@ -363,7 +363,7 @@ def test_parameters_that_cannot_be_are_refused(params: dict[str, Any], words: st
 
 
 def test_demand_that_cannot_be_met_is_refused():
-    words = "tolerance is 1e-06 m; it must be at least what the sensor can tell, 1e-05 m"
+    words = "tolerance is 1e-06 m; it must be at least the resolution of the sensor, 1e-05 m"
     with pytest.raises(ValueError, match=words):
         explored(Params(tolerance=1e-6))
     state = NODE.start(Params())[0]
