@@ -200,7 +200,7 @@ LOST = replace(COUNTER, inputs=(Input("source", "/sauce", "/in", "TactileFrame")
 @pytest.mark.parametrize(("wirings", "ends", "watch", "words"), [
     ([SOURCE, SOURCE], "source", [], "'source' is there twice"),
     ([SOURCE], "sink", [], r"no node 'sink' that could end the graph; there are \['source'\]"),
-    ([replace(SOURCE, name="launcher")], "launcher", [], "no node may be called 'launcher'"),
+    ([replace(SOURCE, name="launcher")], "launcher", [], "no node may be named 'launcher'"),
     ([replace(SOURCE, name="two words")], "two words", [], "got 'two words'"),
     ([SOURCE], "source", ["/model"], "no node publishes /model"),
     ([SOURCE, TWICE], "source", [], "counter subscribes to /source twice"),

@@ -232,7 +232,7 @@ def test_wrong_include_is_refused(write, text, words):
 
 
 @pytest.mark.parametrize(("text", "words"), [
-    ("from palpate.nodes.filter import NODE as NODE", "subscribes to /touch/info, which nobody"),
+    ("from palpate.nodes.filter import NODE as NODE", "subscribes to /touch/info, which no node"),
     ("NODE = 1/0", "module '{}' breaks: ZeroDivisionError: division by zero"),
     ("def", "module '{}' breaks: SyntaxError: invalid syntax"),
     ("import palpate_test_no", "no module '{}': No module named 'palpate_test_no'"),

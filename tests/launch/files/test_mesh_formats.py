@@ -73,7 +73,7 @@ def test_glb_scene_repeats_and_mirrors_meshes():
     assert volume(found.vertices, found.faces) == pytest.approx(
         2.0 * volume(one.vertices, one.faces)
     )
-    assert found.notes == ("2 pieces put together", "1 byte after its end passed over")
+    assert found.notes == ("2 pieces put together", "1 byte after its end ignored")
 
 
 @pytest.mark.parametrize(("mode", "corners"), [(5, [0, 1, 2, 3]), (6, [0, 1, 3, 2])])
@@ -138,7 +138,7 @@ def stl(old, new):
     ("ply", lambda: ply(b"vertex 162", b"vertex -162"), "states '-162' as a count"),
     ("ply", lambda: ply(b"vertex 162", b"vertex 9999999"), "states 9999999 vertices"),
     ("ply", lambda: ply(b"face 320", b"face 2000000000"), "states 2000000000 faces"),
-    ("ply", lambda: ply(b"face 320", b"face 321"), "is cut short: it has not the 321 of 'face'"),
+    ("ply", lambda: ply(b"face 320", b"face 321"), "is cut short: it lacks some of 321 rows of 'face'"),
     ("ply", lambda: MESHES["little.ply"][:900], "is cut short"),
     ("ply", lambda: MESHES["mixed.ply"][:-2], "is cut short"),
     ("ply", lambda: ply(b"face 320", b"face 319"), "has more in it than its header states"),
@@ -149,7 +149,7 @@ def stl(old, new):
     ("ply", lambda: ply(b"uchar int", b"float int"), "whose length is no whole number"),
     ("ply", lambda: ply(b"vertex_indices", b"corners"), "faces without a list 'vertex_indices'"),
     ("ply", lambda: ply(b"element", b"elephant"), "the line 'elephant vertex 162' in its header"),
-    ("ply", lambda: ply(b"format ascii 1.0\n", b""), "does not tell its format"),
+    ("ply", lambda: ply(b"format ascii 1.0\n", b""), "does not state its format"),
     ("ply", lambda: ply(b"\n3 ", b"\n2000000000 "), "a list 'vertex_indices' of 2e"),
     ("ply", lambda: ply(b"\n3 ", b"\n-3 "), "a list 'vertex_indices' of -3 items"),
     ("ply", lambda: ply(b"\n3 ", b"\n3 0.5"), "a corner that is no whole number"),

@@ -81,7 +81,7 @@ def test_file_without_text_or_points_is_refused(tmp_path):
     with pytest.raises(InputError, match=r"'.stl' is no format of points; known: .npz"):
         read_points(tmp_path / "a.stl")
     (tmp_path / "a.ply").write_bytes(MESHES["text.ply"])
-    with pytest.raises(InputError, match="holds a surface; to measure it there is palpate score"):
+    with pytest.raises(InputError, match="holds a surface; palpate score measures it"):
         read_points(tmp_path / "a.ply")
     with pytest.raises(InputError, match=r"b.csv: cannot be read: No such file"):
         read_points(tmp_path / "b.csv")
