@@ -90,7 +90,7 @@ def load_scene(
     *,
     untrusted: bool = False,
 ) -> Scene:
-    """The scene in a YAML file, document by its path, or a scene that comes with palpate, by name.
+    """The scene in a YAML file, given by its path, or a scene that comes with palpate, by name.
 
     A mesh file is a scene that contains only its solid. `changes` replace values of the file by
     their paths; effects are named in them, as ``effects.gaussian_noise.sigma``. A scene below the
@@ -398,7 +398,7 @@ def shipped_scenes() -> tuple[str, ...]:
 
 
 def find_scene(scene: str | Path) -> Path:
-    """Path of a scene, document by name or path; InputError if there is no such scene."""
+    """Path of a scene, given by name or path; InputError if there is no such scene."""
     path = Path(scene)
     if path.is_file():
         return path

@@ -89,8 +89,8 @@ def read_mesh(
     [m]. The solid may be of any genus. Small faults are mended (`palpate.shapes.mend_mesh`); of a
     surface that bounds no solid, the outside is taken (`palpate.shapes.wrap_mesh`). Returns
     distinct vertices (n, 3) [m], triangles (m, 3), counter-clockwise seen from outside, and a
-    sentence on what was guessed and mended. Raises InputError if the file cannot be read, is not one solid of
-    suitable size, or might be in several units.
+    sentence on what was guessed and mended. Raises InputError if the file cannot be read, is not
+    one solid of suitable size, or might be in several units.
     """
     vertices, faces, read_notes = _read_whole(path)
     notes = list(read_notes)

@@ -449,7 +449,8 @@ def contours_of(path: Path, recorded: Mapping[type, Sequence[Any]]) -> MeasuredC
     if not closed:
         raise InputError(f"{path}: holds no closed contour, of {len(contours)} that were traced")
     hits = [probe for probe in probes if probe.outcome == "hit"]
-    touches = _touches(recorded, {item.id for item in (*closed, *hits)})
+    goals = {contour.id for contour in closed} | {probe.id for probe in hits}
+    touches = _touches(recorded, goals)
     taxels, notes = None, []
     if touches:
         taxels = stack_points([points for items in touches.values() for points in items])

@@ -12,6 +12,7 @@ import pytest
 from palpate_toy import frame, toy, wiring
 
 from palpate.launch.files.source_map import InputError
+from palpate.launch.processes.node_status import SupervisionSettings
 from palpate.launch.processes.registry import running_graphs
 from palpate.messages import Header, encode, schema_hash
 from palpate.messages.recording import RecordingWriter
@@ -121,9 +122,9 @@ def test_keys_step_pause_and_resume_a_recording_in_a_terminal(stack, tmp_path):
     assert terminal.wait(WITHIN) == 0
 
 
-def test_source_that_is_quiet_for_long_has_not_stalled(run, tmp_path, monkeypatch):
-    monkeypatch.setattr("palpate.launch.processes.supervisor.STALL", 0.1)
-    ending = run([playing(bag(tmp_path / "a.mcap", 3, every=0.4))], watch=["/player"])
+def test_source_that_is_quiet_for_long_has_not_stalled(run, tmp_path):
+    graph = [playing(bag(tmp_path / "a.mcap", 3, every=0.4))]
+    ending = run(graph, watch=["/player"], settings=SupervisionSettings(stall_time=0.1))
     assert (ending.status, ending.reason) == ("finished", "played 3 messages")
 
 

@@ -25,8 +25,8 @@ from palpate.launch.demand import (
 from palpate.launch.exchange_rate import (
     AXES,
     BOUND,
-    HALVING_COSTS,
     ERROR,
+    HALVING_COSTS,
     cost_curve,
     draw_text,
     halving_lines,
@@ -166,8 +166,8 @@ TWO = [estimate(2, 20, 1e-3), estimate(3, 40, 1e-4)]
 
 def test_score_and_estimate_of_a_model_are_one_entry_at_its_time():
     estimates = [estimate(2, 20, 1e-3), estimate(3, 40, 5e-4, 12.0)]
-    times = [(1.0, 2.0), (3.0, 6.0)]
-    first, second = curve(estimates, [scored(2, 20, 8e-4)], model_times={2: 1.5}, compute_times=times)
+    times = {"model_times": {2: 1.5}, "compute_times": [(1.0, 2.0), (3.0, 6.0)]}
+    first, second = curve(estimates, [scored(2, 20, 8e-4)], **times)
     assert [one["rms_m"] for one in (first, second)] == [8e-4, None]
     assert [one["rms_bound_95_m"] for one in (first, second)] == [1e-3, 5e-4]
     assert [one["wall_s"] for one in (first, second)] == [1.5, 3.0]

@@ -132,9 +132,10 @@ def test_slices_of_thin_plate_are_refused(write):
 
 def test_mesh_is_a_scene_of_its_own(tmp_path):
     scene = load_scene(box_file(tmp_path, holes=1))
+    guess = "box.ply: taken to be in mm, 60 x 50 x 40 mm"
     assert (scene.name, scene.size) == ("box", pytest.approx((0.06, 0.05, 0.04)))
-    assert scene.mesh_notes.startswith("box.ply: taken to be in mm, 60 x 50 x 40 mm; 1 hole of up to ")
-    assert load_scene(box_file(tmp_path)).mesh_notes == "box.ply: taken to be in mm, 60 x 50 x 40 mm"
+    assert scene.mesh_notes.startswith(f"{guess}; 1 hole of up to ")
+    assert load_scene(box_file(tmp_path)).mesh_notes == guess
     (tmp_path / "again.yaml").write_text(scene.text, encoding="utf-8")
     for place, file in scene.inputs.items():
         (tmp_path / place).parent.mkdir()

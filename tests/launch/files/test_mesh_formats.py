@@ -138,7 +138,7 @@ def stl(old, new):
     ("ply", lambda: ply(b"vertex 162", b"vertex -162"), "states '-162' as a count"),
     ("ply", lambda: ply(b"vertex 162", b"vertex 9999999"), "states 9999999 vertices"),
     ("ply", lambda: ply(b"face 320", b"face 2000000000"), "states 2000000000 faces"),
-    ("ply", lambda: ply(b"face 320", b"face 321"), "is cut short: it lacks some of 321 rows of 'face'"),
+    ("ply", lambda: ply(b"face 320", b"face 321"), "it lacks some of 321 rows of 'face'"),
     ("ply", lambda: MESHES["little.ply"][:900], "is cut short"),
     ("ply", lambda: MESHES["mixed.ply"][:-2], "is cut short"),
     ("ply", lambda: ply(b"face 320", b"face 319"), "has more in it than its header states"),

@@ -49,7 +49,7 @@ def test_no_plain_file_is_refused_at_once(tmp_path, name, words):
     ("", "which is no file"),
     ("a\0.ply", "visible characters"),
     ("\ud800.ply", "visible characters"),
-    ("a" * 256, "a name has at most 255 letters"),
+    ("a" * 256, "a name has at most 255 visible characters"),
     ("a" * 250 + "/b", "mesh is"),
 ])  # fmt: skip
 def test_name_that_leads_elsewhere_is_refused(tmp_path, name, words):
