@@ -34,7 +34,7 @@ from palpate.launch.processes.registry import (
     private_folder,
 )
 from palpate.launch.processes.supervisor import Supervisor
-from palpate.messages.bus import LAUNCHER, QUEUE_DEPTH, Addresses, check_node_name
+from palpate.messages.bus import DEFAULT_QUEUE_DEPTH, LAUNCHER, Addresses, check_node_name
 from palpate.nodes.runtime.composed import Ending, Watcher
 from palpate.nodes.runtime.node import Wiring, describe_wirings, recorded_nodes
 
@@ -48,7 +48,7 @@ def launch(
     name: str = "graph",
     run_dir: Path | None = None,
     work_dir: Path | None = None,
-    depth: int = QUEUE_DEPTH,
+    depth: int = DEFAULT_QUEUE_DEPTH,
     before: EarlierRun | None = None,
     settings: SupervisionSettings = DEFAULT_SUPERVISION,
     host_settings: HostSettings = DEFAULT_HOST_SETTINGS,

@@ -99,7 +99,7 @@ class SourceWork:
         self.pace.gone(published.due, time.monotonic())
         packed = self._pack(published)
         if self._tally is not None:
-            self._tally.up()
+            self._tally.increment()
         return packed
 
     def all(self) -> Iterator[work.Outgoing | Finished]:
@@ -127,7 +127,7 @@ class SourceWork:
                 decode(self._types[local], word["body"])
                 return [self._pack(Timed(0.0, local, word["body"]))]
         if self._tally is not None:
-            self._tally.stand(self.pace.paused)
+            self._tally.set_paused(self.pace.paused)
         return []
 
     def take(self, arrival: Received) -> list[work.Outgoing | Finished]:

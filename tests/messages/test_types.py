@@ -171,7 +171,7 @@ def of_field(**rule: Any) -> str:
     (described(properties={"MAX_BYTES": {"type": "number"}}), "'MAX_BYTES' is no name"),
     (described(properties={}), "it has 0 fields, expected 1 to 512"),
     (described(properties={f"f{i}": {} for i in range(513)}), "it has 513 fields"),
-    (described(description="more"), "it says more than a message type can"),
+    (described(description="more"), "it has more than the schema of a message type"),
     (of_field(type="null"), "'null'"),
     (of_field(enum=[[]]), ""),
     (of_field(type="array", items={"enum": []}), ""),

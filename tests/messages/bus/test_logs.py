@@ -44,7 +44,7 @@ def test_frames_within_memory_need_no_file(tmp_path: Path):
 @pytest.mark.parametrize("persistent", [False, True])
 @pytest.mark.parametrize("size", [1000, LARGE])
 def test_frames_beyond_memory_are_found_in_the_file(tmp_path: Path, size: int, persistent: bool):
-    past = log(tmp_path, memory=10_000, persistent=persistent)
+    past = log(tmp_path, max_memory=10_000, persistent=persistent)
     frames = [frame(seq, size) for seq in range(100)]
     for seq, one in enumerate(frames):
         past.add("/talk", one)
@@ -57,7 +57,7 @@ def test_frames_beyond_memory_are_found_in_the_file(tmp_path: Path, size: int, p
 
 def test_file_holds_each_frame_once_across_starts(tmp_path: Path):
     for epoch in (0, 0, 1, 2):  # the second start takes the first for that of another run
-        past = log(tmp_path, memory=0, epoch=epoch)
+        past = log(tmp_path, max_memory=0, epoch=epoch)
         for seq in range(5):
             past.add("/talk", frame(seq, LARGE))
         found = [split_frame(one)[1] for one in past.since("/talk", 3)]
@@ -172,7 +172,7 @@ def test_journal_grows_and_goes_on_in_order(tmp_path: Path):
         journal.close()
         journal.close()
     assert [*Journal(tmp_path / "j", EDGES).before] == noted
-    with pytest.raises(ValueError, match="speaks of input 2, there are 1"):
+    with pytest.raises(ValueError, match="has input 2, there are 1"):
         Journal(tmp_path / "j", EDGES[:1])
 
 
@@ -214,11 +214,11 @@ def test_progress_of_a_source_goes_on_where_it_was(tmp_path: Path):
     first = SourceProgress(tmp_path / "tally")
     assert (first.number, first.paused) == (0, None)
     for _ in range(3):
-        first.up()
+        first.increment()
     first.close()
     for paused in (True, False):
         again = SourceProgress(tmp_path / "tally")
         assert (again.number, again.paused) == (3, None if paused else True)
-        again.stand(paused)
+        again.set_paused(paused)
         again.close()
     assert SourceProgress(tmp_path / "tally").paused is False
