@@ -175,7 +175,7 @@ def of_field(**rule: Any) -> str:
     (of_field(type="null"), "'null'"),
     (of_field(enum=[[]]), ""),
     (of_field(type="array", items={"enum": []}), ""),
-    (of_field(type="number", minimum=3), "says more"),
+    (of_field(type="number", minimum=3), "it has more"),
     *(
         (of_field(type="object", dtype=dtype, shape=[3], unit="m"), "no dtype of numbers")
         for dtype in ("|O", "<M8", "<U4", "3f8", "<c16")
