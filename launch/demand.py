@@ -16,6 +16,7 @@ from palpate.launch.printing import titled
 from palpate.messages.types import Superquadric
 from palpate.nodes import planner, reconstructor
 from palpate.nodes.runtime.node import Wiring
+from palpate.nodes.specs.frames import MAX_TURNS
 
 
 def read_quantity(text: str, units: Mapping[str, float], option: str) -> float:
@@ -67,8 +68,8 @@ def read_demand(
             value = read_quantity(text, units, name) if units else text
             settings[target] = SourceMapped(value, f"{name} {text}")
     if turns is not None:
-        if not 0 <= turns <= planner.MAX_TURNS:
-            raise InputError(f"--turns {turns}: must be from 0 to {planner.MAX_TURNS}")
+        if not 0 <= turns <= MAX_TURNS:
+            raise InputError(f"--turns {turns}: must be from 0 to {MAX_TURNS}")
         settings["planner.turns"] = SourceMapped(turns, f"--turns {turns}")
     if touches is not None:
         if touches < 1:

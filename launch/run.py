@@ -55,7 +55,7 @@ from palpate.messages.types import ShapeModel
 from palpate.nodes import planner, simulator
 from palpate.nodes.runtime.composed import Ending
 from palpate.nodes.runtime.node import RECORDER, Wiring, with_description
-from palpate.nodes.specs.objects import EXTENT_LEVEL, build_shape
+from palpate.nodes.specs.objects import DEFAULT_REACH, build_shape
 from palpate.nodes.specs.sensors import build_pipeline, info_of, resolution_of_info
 
 if TYPE_CHECKING:
@@ -223,7 +223,7 @@ def _check_budget(asked: planner.Params, entry: Entry, hand: simulator.Params) -
 
 def _check_size(demanded: Demanded, entry: Entry, hand: simulator.Params) -> None:
     """Refuse an object that would take too much time or memory."""
-    vertices, faces = build_shape(hand.object).mesh(EXTENT_LEVEL)
+    vertices, faces = build_shape(hand.object).mesh(DEFAULT_REACH.mesh_level)
     size = np.ptp(vertices, axis=0).tolist()
     area = float(areas_and_normals(vertices[faces])[0].sum())
     width = hand.sensor.pitch * max(hand.sensor.rows, hand.sensor.cols)

@@ -74,7 +74,7 @@ class MessageLog:
         self.finished = ""  # why an earlier start has finished, if it has
         self.latest_ns = 0  # latest time in messages of an earlier start [ns]
         if persistent or (epoch and path.exists()):
-            self._go_on()
+            self._read_earlier()
 
     @property
     def counts(self) -> dict[str, int]:
@@ -94,9 +94,9 @@ class MessageLog:
         if place is None and (self._persistent or (outlives and topic not in self._silent)):
             (place,) = self._write((frame,))
         if place is not None and len(frame) > self._room:
-            self._hold(topic, place)
+            self._append(topic, place)
             return
-        self._hold(topic, frame)
+        self._append(topic, frame)
         if self._room < 0 and topic not in self._silent:
             self._waiting.append((topic, len(self._frames[topic]) - 1))
             if self._room <= -self._write_size:
@@ -109,7 +109,7 @@ class MessageLog:
         """
         places = self._write([frame for _, frame in frames], cause)
         for (topic, frame), place in zip(frames, places, strict=True):
-            self._hold(topic, frame if len(frame) <= self._room else place)
+            self._append(topic, frame if len(frame) <= self._room else place)
 
     def promise(self, topic: str, make: Callable[[], bytes]) -> None:
         """Keep a function that makes a frame which an earlier start has sent.
@@ -117,7 +117,7 @@ class MessageLog:
         It is called only if the frame is not in the file and a subscriber lacks it. Raises KeyError
         if there is no such topic.
         """
-        self._hold(topic, self._written.get((topic, self.count(topic)), make))
+        self._append(topic, self._written.get((topic, self.count(topic)), make))
 
     def since(self, topic: str, wanted: int) -> Iterator[bytes]:
         """Frames of a topic from a sequence on; none for a topic without subscribers."""
@@ -140,7 +140,7 @@ class MessageLog:
             os.close(self._file)
             self._file = None
 
-    def _hold(self, topic: str, kept: StoredFrame) -> None:
+    def _append(self, topic: str, kept: StoredFrame) -> None:
         if topic in self._silent:
             self._silent[topic] += 1
             return
@@ -180,7 +180,7 @@ class MessageLog:
             self._file = os.open(self._path, _FLAGS | fresh, 0o600)
         return self._file
 
-    def _go_on(self) -> None:
+    def _read_earlier(self) -> None:
         """Read the records of an earlier start; one that was cut off was never sent."""
         size = os.fstat(self._opened()).st_size
         while self._end + _LENGTH.size <= size:
@@ -188,11 +188,11 @@ class MessageLog:
             data = self._read(self._end + _LENGTH.size, length)
             if len(data) < length:
                 break
-            self._take_up(data)
+            self._restore(data)
             self._end += _LENGTH.size + length
         os.ftruncate(self._opened(), self._end)
 
-    def _take_up(self, data: bytes) -> None:
+    def _restore(self, data: bytes) -> None:
         (_, answered), *frames = _pieces(data)
         if answered:
             publisher, topic, seq, finished = answered.decode().split("\0", 3)
@@ -202,7 +202,7 @@ class MessageLog:
             topic, header, body = split_frame(frame)
             if self._persistent:
                 self.latest_ns = max(self.latest_ns, header.sent_ns)
-                self._hold(topic, self._of_this_start(topic, header, body))
+                self._append(topic, self._of_this_start(topic, header, body))
             else:
                 at = self._end + _LENGTH.size + place
                 self._written[topic, header.seq] = at << 32 | len(frame)

@@ -20,8 +20,8 @@ from palpate.nodes import console, curvature, driver, filter, socket_driver
 from palpate.nodes.runtime.node import Finished, Timed
 from palpate.nodes.runtime.testing import drive, messages_on
 from palpate.nodes.specs.frames import (
-    FRAMES_A_GOAL,
-    MOST_FRAMES,
+    FRAMES_PER_GOAL,
+    MAX_FRAMES,
     SensorParams,
     parse_row,
     read_frames,
@@ -266,13 +266,13 @@ def test_numbers_mean_what_the_parameters_say(given: dict[str, Any], unit: float
     [(np.zeros((16, 16)), "miss"), (ball(), "hit"), (np.full((16, 16), 2.5e-3), "bottomed")],
 )
 def test_outcome_is_told_from_the_image(image: Floats, outcome: str):
-    number = 3 * FRAMES_A_GOAL + 2
+    number = 3 * FRAMES_PER_GOAL + 2
     frame = tactile_frame(SensorParams(), number, 0.5, np.array(POSE), image)
     assert frame.move.tolist() == [0.0, 0.0, 0.0, 0.0, -1.0] and frame.finger == 1
     assert (frame.outcome, frame.goal, frame.touch, frame.robot_time) == (outcome, 3, 2, 0.5)
-    assert tactile_frame(SensorParams(), MOST_FRAMES - 1, 0.0, np.array(POSE), image).goal == 3999
+    assert tactile_frame(SensorParams(), MAX_FRAMES - 1, 0.0, np.array(POSE), image).goal == 3999
     with pytest.raises(ValueError, match="frame 100000: a sequence has 100000 frames at most"):
-        tactile_frame(SensorParams(), MOST_FRAMES, 0.0, np.array(POSE), image)
+        tactile_frame(SensorParams(), MAX_FRAMES, 0.0, np.array(POSE), image)
 
 
 @pytest.fixture
@@ -386,7 +386,7 @@ SHORT = {"gain": [[1.0]], "offset": [[0.0] * 16] * 16, "sound_speed": 1000.0, "n
     ({"cols": 42}, "an array of 15 by 41 mm; contours are followed with 5 to 40 mm"),
     ({"pad": {"radius": 0.01}}, "a dome over this array needs more than 0.0106 m"),
     ({"pad": {"thickness": 0.001}}, r"it must be at least 0.00\d+ m, to be pressed by 0.0"),
-    ({"calibration": SHORT}, "calibration.gain must have 16 rows of 16, as the array has"),
+    ({"calibration": SHORT}, "calibration.gain must have 16 rows of 16, as the array;"),
 )
 def test_sensor_that_could_not_work_is_refused(wrong: dict[str, Any], words: str):
     with pytest.raises(msgspec.ValidationError, match=words):

@@ -111,9 +111,9 @@ def test_too_few_fingers_or_touches_end_it():
 
 @cases(
     "answer, words",
-    (patch_of(7, 1), "nobody asked for touch 0 of goal 7"),
-    (patch_of(0, 3), "nobody asked for touch 0 of goal 0"),
-    (("/hand/contacts", example(GraspContacts)), "nobody asked for closing 0"),
+    (patch_of(7, 1), "unexpected touch 0 of goal 7"),
+    (patch_of(0, 3), "unexpected touch 0 of goal 0"),
+    (("/hand/contacts", example(GraspContacts)), "unexpected closing 0"),
 )
 def test_answer_that_was_not_asked_for_is_refused(answer: Any, words: str):
     with pytest.raises(ValueError, match=words):

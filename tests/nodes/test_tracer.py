@@ -231,7 +231,7 @@ def test_contour_is_given_up_after_most_touches():
 @pytest.mark.parametrize("order", [0, 1])
 def test_patch_that_was_not_asked_for_is_refused(order: int):
     wrong = [patch(goal=1), patch(goal=1)] if order else [patch(touch=1, goal=1)]
-    with pytest.raises(ValueError, match=f"nobody asked for touch {1 - order} of goal 1"):
+    with pytest.raises(ValueError, match=f"unexpected touch {1 - order} of goal 1"):
         asked(ALONE, ("/probe/goal", probe_goal()), *wrong)
 
 

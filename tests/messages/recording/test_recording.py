@@ -371,6 +371,6 @@ def test_parts_are_numbered_without_gaps(path: Path):
         part_path(path, number).touch()
     assert parts_of(path) == (path, path.with_name("topics.1.mcap"))
     path.unlink()
-    with pytest.raises(FileExistsError, match=r"topics\.1\.mcap is there already, of another run"):
+    with pytest.raises(FileExistsError, match=r"topics\.1\.mcap of another run exists already"):
         SINK.open(Params(path=str(path)), TYPES)
     assert not path.exists()

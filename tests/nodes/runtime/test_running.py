@@ -157,7 +157,7 @@ def test_message_that_takes_long_comes_last_or_is_promised():
     toy = work()
     toy.begin()
     toy.take(NEED)
-    parcels = iter(toy.each(arrival("long")))
+    parcels = iter(toy.outputs_of(arrival("long")))
     assert texts([next(parcels)]) == ["long 0"] and "late" not in toy.steps.seconds
     assert texts(parcels) == ["late 1"] and set(toy.steps.seconds) == {"toy", "late"}
     now, promise = toy.replay(arrival("long", 1))
@@ -567,5 +567,5 @@ def test_second_start_of_a_sink_that_cannot_go_on_fails(launched: Launched):
     launched.start("a_sink", inputs=wiring("toy").inputs[:1], outputs={}, epoch=1)
     launched.until(lambda: launched.heard("failed"))
     launched.join()
-    assert "toy cannot go on with what it had written" in launched.heard("failed")[0]["text"]
+    assert "toy cannot continue its earlier file" in launched.heard("failed")[0]["text"]
     assert launched.code == [3]
