@@ -18,10 +18,7 @@ from numpy.typing import NDArray
 
 from palpate.core.arrays import Bools, Floats
 from palpate.core.poses import Pose
-from palpate.core.rebuild.contours import (
-    ContactPoints,
-    stack_points,
-)
+from palpate.core.rebuild.contours import ContactPoints, stack_points
 from palpate.launch.files.file_access import read_bounded
 from palpate.launch.files.mesh_file import read_cloud, read_oriented_cloud
 from palpate.launch.files.point_clouds import MeasuredContours, contact_points_of, slice_cloud
