@@ -152,8 +152,8 @@ def test_silence_longer_than_declared_is_mentioned_once(declared, mentions, run,
     settings = SupervisionSettings(silence_limit=0.4)
     assert run([source(1), slow], settings=settings).status == "finished"
     texts = [line.text for line in watcher.lines if "counter is still working" in line.text]
-    told = "counter is still working, or hangs: no sign of life for 0.4 s"
-    assert texts == [told] * mentions
+    mention = "counter is still working, or hangs: no sign of life for 0.4 s"
+    assert texts == [mention] * mentions
 
 
 def test_sink_writes_what_had_arrived_when_a_node_died(run, tmp_path):

@@ -124,8 +124,8 @@ def test_subscriber_without_the_key_receives_nothing(key):
     publisher.send(b"secret")
     assert locked.poll(5000)
     assert not open_ear.poll(100)
-    for one in (publisher, locked, open_ear):
-        one.close(0)
+    for wire in (publisher, locked, open_ear):
+        wire.close(0)
     wires.close()
     wires = SocketContext()
     publisher = wires.context.socket(zmq.XPUB)

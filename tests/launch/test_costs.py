@@ -221,9 +221,9 @@ def test_processor_time_is_added_up_by_steps():
         name: example(NodeStatus, cpu=seconds, steps=one)
         for (name, seconds), one in zip(cpu.items(), steps, strict=True)
     }
-    found = time_by_step(statuses)
+    by_step = time_by_step(statuses)
     expected = {"lattice": 3.0, "casting": 2.5, "ends": 1.25, "rest": 1.0}
-    assert list(found.items()) == list(expected.items())
+    assert list(by_step.items()) == list(expected.items())
     assert time_by_step({}) == {}
 
 
@@ -272,7 +272,7 @@ def test_curve_in_text_shows_error_bound_floor_and_costs():
     assert marks == sorted(marks) and len(marks) >= 3
 
 
-@pytest.mark.parametrize(("found", "shown", "hidden"), [
+@pytest.mark.parametrize(("facts", "shown", "hidden"), [
     (summary(CURVE[:1]), "*", "@ both"),
     (summary(truth=False), "o", "true error"),
     (summary(CURVE[:1], truth=False), "o", "sampling floor"),
@@ -280,10 +280,10 @@ def test_curve_in_text_shows_error_bound_floor_and_costs():
     (summary(sampling_floor_m=1e-9), "*", "floor"),
     (summary(sampling_floor_m=0.0), "*", "floor"),
 ])  # fmt: skip
-def test_curve_without_truth_bound_or_floor_is_drawn(found, shown, hidden):
-    text = "\n".join(draw_text(found))
+def test_curve_without_truth_bound_or_floor_is_drawn(facts, shown, hidden):
+    text = "\n".join(draw_text(facts))
     assert shown in text and hidden not in text
-    assert shown_by(draw_cost(found))
+    assert shown_by(draw_cost(facts))
 
 
 def shown_by(figure):
@@ -294,10 +294,10 @@ def shown_by(figure):
 
 def test_without_a_model_only_times_are_drawn():
     nothing = summary([entry(20, None, None)], steps={}, nodes={}, scene=None, compute_s=None)
-    for found in (nothing, {**nothing, "curve": [], "largest_untouched_m": None}):
-        assert draw_text(found) == []
-        assert any("no model was judged" in text for text in shown_by(draw_cost(found)))
-        assert list(draw_panels(found)) == ["Processor time by step of the work"]
+    for facts in (nothing, {**nothing, "curve": [], "largest_untouched_m": None}):
+        assert draw_text(facts) == []
+        assert any("no model was judged" in text for text in shown_by(draw_cost(facts)))
+        assert list(draw_panels(facts)) == ["Processor time by step of the work"]
 
 
 def lines_of(axes):
@@ -306,8 +306,8 @@ def lines_of(axes):
 
 
 def test_panels_have_a_mark_a_model_in_named_units():
-    found = summary(missed=["too coarse"])
-    for figure in (draw_cost(found), *draw_panels(found).values()):
+    facts = summary(missed=["too coarse"])
+    for figure in (draw_cost(facts), *draw_panels(facts).values()):
         for axes in (one for one in figure.axes if one.lines):
             axis = next(key for key, (name, _) in AXES.items() if name == axes.get_xlabel())
             lines = lines_of(axes)
@@ -319,7 +319,7 @@ def test_panels_have_a_mark_a_model_in_named_units():
             for points in (lines[label] for label in lines if " mm" not in label):
                 assert ((left < points[:, 0]) & (points[:, 0] < right)).all()
                 assert ((low < points[:, 1]) & (points[:, 1] < high)).all()
-    texts = shown_by(draw_cost(found))
+    texts = shown_by(draw_cost(facts))
     assert "What accuracy cost: <vase> (finished, goal missed)" in texts
     assert {"rms error, mm", *(name for name, _ in AXES.values())} < {*texts}
     assert {"1.00 s (100%)", "0.00 s", "simulator", "filter", "casting", "rest"} < {*texts}
@@ -327,8 +327,8 @@ def test_panels_have_a_mark_a_model_in_named_units():
 
 
 def test_error_of_rounding_alone_lies_within_its_panel():
-    found = summary([entry(86, 6.5e-17, None)])
-    for figure in (draw_cost(found), *draw_panels(found).values()):
+    facts = summary([entry(86, 6.5e-17, None)])
+    for figure in (draw_cost(facts), *draw_panels(facts).values()):
         for axes in figure.axes:
             lowest, highest = sorted(axes.get_ylim())
             for line in axes.lines:
@@ -357,12 +357,12 @@ def test_levels_are_drawn_across_every_panel():
 
 
 def test_log_scale_has_round_ticks_and_room_for_its_values():
-    found = log_scale([20.0, 110.0])
-    assert 0.0 < found.share(20.0) < found.share(110.0) < 1.0
-    middle = found.share((20.0 * 110.0) ** 0.5)
-    assert middle == pytest.approx(0.5 * (found.share(20.0) + found.share(110.0)))
-    assert found.ticks(7) == [20.0, 30.0, 40.0, 50.0, 60.0, 80.0, 100.0]
-    assert found.ticks(3) == [20.0, 50.0, 100.0]
+    scale = log_scale([20.0, 110.0])
+    assert 0.0 < scale.share(20.0) < scale.share(110.0) < 1.0
+    middle = scale.share((20.0 * 110.0) ** 0.5)
+    assert middle == pytest.approx(0.5 * (scale.share(20.0) + scale.share(110.0)))
+    assert scale.ticks(7) == [20.0, 30.0, 40.0, 50.0, 60.0, 80.0, 100.0]
+    assert scale.ticks(3) == [20.0, 50.0, 100.0]
     assert log_scale([1e-7, 1e7]).ticks(5) == pytest.approx([1e-7, 1e-4, 0.1, 1e2, 1e5])
     assert log_scale([5.0]).share(5.0) == pytest.approx(0.5)
 

@@ -44,8 +44,8 @@ def test_wiring_and_table_name_topic_type_and_both_ends(pair):
     assert a.outputs == {"/x": "/x"}
     assert a.subscribers == {"/x": ("b",)}
     assert a.params == Dials(turns=3)
-    [one] = b.inputs
-    assert (one.publisher, one.topic, one.local, one.type) == ("a", "/x", "/x", "LogRecord")
+    [edge] = b.inputs
+    assert (edge.publisher, edge.topic, edge.local, edge.type) == ("a", "/x", "/x", "LogRecord")
     table = graph_of(*pair).table().splitlines()
     assert table[0].split() == ["topic", "type", "from", "to"]
     assert table[1].split() == ["/x", "LogRecord", "a", "b"]
@@ -74,8 +74,8 @@ def test_namespace_is_searched_first_and_fan_in_takes_all(make_node):
     assert received(wirings[2]) == {"/x": ("a2", "/two/x"), "/y": ("c", "/y")}
     make_node("t.b", inputs={"/x": LogRecord}, fan_in=("/x",))
     b = graph_of(*sources, *spaced("b", ("", ""))).wirings()[-1]
-    found = [(one.publisher, one.topic, one.local) for one in b.inputs]
-    assert found == [("a1", "/one/x", "/x"), ("a2", "/two/x", "/x")]
+    edges = [(one.publisher, one.topic, one.local) for one in b.inputs]
+    assert edges == [("a1", "/one/x", "/x"), ("a2", "/two/x", "/x")]
     make_node("t.b", inputs={"/x": LogRecord})
     with pytest.raises(InputError, match="subscribes to /x, which no node publishes"):
         graph_of(*sources[:1], *spaced("b", ("", ""))).wirings()

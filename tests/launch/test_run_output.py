@@ -87,8 +87,8 @@ def test_progress_adds_up_and_log_is_json(contour, tetrahedron, score):
     watcher.log(record())
     line = json.loads(log.getvalue())
     assert line.pop("wall_s") >= 0.0
-    told = {"node": "tracer", "level": "warning", "text": "the pad slipped", "robot_time_s": 2.5}
-    assert line == told
+    fields = {"node": "tracer", "level": "warning", "text": "the pad slipped", "robot_time_s": 2.5}
+    assert line == fields
 
 
 def estimate(bound):
@@ -106,8 +106,8 @@ def test_plain_lines_come_once_a_contour_and_once_a_warning(score):
     progress.contours, progress.estimates = 2, [(2.0, estimate(4e-4))]
     progress.scores.append((1.0, score))
     lines.show(progress)
-    for one in (record(), record(), record("all is well", "info")):
-        lines.note(one)
+    for item in (record(), record(), record("all is well", "info")):
+        lines.note(item)
     progress.touches = 45
     lines.show(progress)
     lines.close()
@@ -206,9 +206,9 @@ def test_unusable_directory_is_refused(name, words):
 
 
 def ending(status="finished", reason="all slices are traced"):
-    given = {"messages": 40, "sent": 40, "p50": 80.0, "p99": 120.0, "steps": {"filter": 1.0}}
-    told = example(types.NodeStatus, node="filter", state="ending", cpu=1.5, **given)
-    return Ending(status=status, reason=reason, statuses={"filter": told})
+    counters = {"messages": 40, "sent": 40, "p50": 80.0, "p99": 120.0, "steps": {"filter": 1.0}}
+    status_message = example(types.NodeStatus, node="filter", state="ending", cpu=1.5, **counters)
+    return Ending(status=status, reason=reason, statuses={"filter": status_message})
 
 
 KEPT = {"error_bound": 6e-4, "unknown_share": 4e-3, "untouched_gap": 9e-3, "unentered_hole": 0.0}
@@ -217,9 +217,9 @@ ASKED = {"tolerance": 1e-3, "feature": 0.02, "unknown_share": 0.01}
 
 def planned(findings=KEPT, limits=ASKED, reason="enough", **more):
     bound, gap = findings.get("error_bound"), {"largest_untouched": 2.5e-3}
-    given = {"findings": findings, "limits": limits, "reason": reason, "rms_bound_95": bound}
+    fields = {"findings": findings, "limits": limits, "reason": reason, "rms_bound_95": bound}
     return example(
-        types.PlanDone, number=3, contours=(1, 2), touches=40, **{**given, **gap, **more}
+        types.PlanDone, number=3, contours=(1, 2), touches=40, **{**fields, **gap, **more}
     )
 
 
@@ -231,12 +231,12 @@ def progress(tetrahedron, score):
     )  # fmt: skip
 
 
-def summary_of(progress, *told):
-    return summarise(ending(*told), progress, "vase", 7)
+def summary_of(progress, *ends):
+    return summarise(ending(*ends), progress, "vase", 7)
 
 
-def headline(progress, *told, files=(), folder=RUN):
-    text = headline_text(summary_of(progress, *told), files, folder)
+def headline(progress, *ends, files=(), folder=RUN):
+    text = headline_text(summary_of(progress, *ends), files, folder)
     return text.splitlines(), " ".join(text.split())
 
 
@@ -253,22 +253,22 @@ duplicates restarts nodes numerics curve steps missed procedure
 
 
 def test_summary_has_the_figures_and_null_for_what_is_unknown(progress, score):
-    found = summary_of(progress)
+    summary = summary_of(progress)
     nothing = summarise(Ending(status="died", reason="x"), Progress(), None, None)
-    assert nothing.keys() == found.keys() == {*KEYS.split()}
+    assert nothing.keys() == summary.keys() == {*KEYS.split()}
     unknown = ("chamfer_m", "watertight", "mesh_sha256", "compute_s", "touches_per_s", "ready_s")
     assert {nothing[key] for key in unknown} == {None}
-    assert json.loads(json.dumps(found, allow_nan=False)) == found
-    assert (found["chamfer_m"], found["compute_s"]) == (0.0003, 1.5)
-    assert found["touches_per_s"] == 20.0  # 40 in the 2 s between the reports
+    assert json.loads(json.dumps(summary, allow_nan=False)) == summary
+    assert (summary["chamfer_m"], summary["compute_s"]) == (0.0003, 1.5)
+    assert summary["touches_per_s"] == 20.0  # 40 in the 2 s between the reports
     node = {"messages": 40, "sent": 40, "p50_us": 80.0, "p99_us": 120.0, "cpu_s": 1.5}
-    assert found["nodes"] == {"filter": node}
-    assert found["numerics"] == {"condition": 3.5, "fallbacks": 0.0}
-    assert found["steps"] == {"filter": 1.0, "rest": 0.5}
+    assert summary["nodes"] == {"filter": node}
+    assert summary["numerics"] == {"condition": 3.5, "fallbacks": 0.0}
+    assert summary["steps"] == {"filter": 1.0, "rest": 0.5}
     spent = {"contours": 2, "touches": 40, "robot_time_s": 20.0, "wall_s": 3.0}
     none = ("compute_s", "rms_bound_95_m", "largest_untouched_m", "forecast", "halved", "ratio")
     errors = {"chamfer_m": 0.0003, "rms_m": score.rms}
-    assert found["curve"] == [{**spent, **errors, **dict.fromkeys(none)}]
+    assert summary["curve"] == [{**spent, **errors, **dict.fromkeys(none)}]
 
 
 @pytest.mark.parametrize(
@@ -415,13 +415,13 @@ def test_headline_names_doubts(progress, score):
 def test_headline_of_procedure_says_what_it_found_or_why_not():
     figures = {"axis_error_deg": 0.1, "residual_rms_m": 1e-5, "volume_m3": 1e-4, "faces": 6.0}
     alone = Progress(touches=40)
-    given = {"procedure": "planar", "figures": figures, "touches": 40}
-    alone.procedure = example(types.ProcedureResult, status="done", reason="it closes", **given)
+    fields = {"procedure": "planar", "figures": figures, "touches": 40}
+    alone.procedure = example(types.ProcedureResult, status="done", reason="it closes", **fields)
     lines, words = headline(alone, files=["result.json"])
     assert lines[0] == "planar      done: it closes  axis error 0.100 deg  faces 6"
     assert "residual rms 0.010 mm volume 100.0 cm3" in words and "runs/r/result.json" in words
     alone.procedure = example(
-        types.ProcedureResult, status="unsuited", reason="it is round", **given
+        types.ProcedureResult, status="unsuited", reason="it is round", **fields
     )
     lines, _ = headline(alone)
     assert lines[0] == "found      no solid" and "missed     unsuited: it is round" in lines

@@ -53,10 +53,10 @@ effects: [gaussian_noise: {sigma: 1.0e-5}]
 
 
 def test_length_with_unit_is_the_length_in_metres(write):
-    one, other = (load_scene(write("s.yaml", text)).spec for text in (IN_UNITS, IN_METRES))
+    units, metres = (load_scene(write("s.yaml", text)).spec for text in (IN_UNITS, IN_METRES))
     for key in ("object", "sensor", "world"):
-        assert repr(getattr(one, key)) == repr(getattr(other, key))
-    assert describe_effects(one.effects) == describe_effects(other.effects)
+        assert repr(getattr(units, key)) == repr(getattr(metres, key))
+    assert describe_effects(units.effects) == describe_effects(metres.effects)
 
 
 @pytest.mark.parametrize(("text", "words"), [
@@ -260,8 +260,8 @@ def test_module_that_is_no_effect_is_refused(old, new, words, write, here):
 
 
 def test_planner_has_its_settings_and_a_default(typed):
-    given = typed("explore: {planner: uniform, settings: {count: 5, order: nested}}")
-    assert check_planner(given) == Uniform(count=5, order="nested")
+    document = typed("explore: {planner: uniform, settings: {count: 5, order: nested}}")
+    assert check_planner(document) == Uniform(count=5, order="nested")
     made = check_planner(typed("explore: {settings: {cover: 5}}"))
     assert isinstance(made, planner_type(PLANNER_NAMES[0]))
     assert getattr(made, "cover") == 5  # noqa: B009
@@ -310,8 +310,8 @@ def test_changed_values_are_in_the_text_of_the_scene(write):
     )
     assert scene.spec.sensor.pitch == 1.2e-3
     place = ("object", "superquadric", "size", 2)
-    one = load_scene(write("ball.yaml", BALL), {place: SourceMapped(0.03, "here")})
-    assert one.spec.object.superquadric.size == (0.04, 0.04, 0.03)
+    larger = load_scene(write("ball.yaml", BALL), {place: SourceMapped(0.03, "here")})
+    assert larger.spec.object.superquadric.size == (0.04, 0.04, 0.03)
     assert scene.spec.explore == {"planner": "uniform", "settings": {"count": 4}}
     again = load_scene(write("told.yaml", scene.text))
     assert again.spec == scene.spec

@@ -88,8 +88,8 @@ def test_frames_without_a_contact_end_with_the_reason():
     assert done.missed == (0, 1) and done.probes == ()
     # Where it has ended already, an empty model changes nothing.
     nothing = example(ShapeModel, number=1, final=True, faces=np.zeros((0, 3), np.int32))
-    told = collected(patches, ("/model/shape", nothing))
-    assert len(messages_on(told, "/plan/done")) == 1
+    published = collected(patches, ("/model/shape", nothing))
+    assert len(messages_on(published, "/plan/done")) == 1
 
 
 def test_touches_too_far_apart_for_one_object_end_with_the_reason():
@@ -140,8 +140,8 @@ def turned_block(count: int) -> tuple[Pose, Patches]:
 def test_touches_since_it_was_turned_over_tell_how_it_lies_and_what_it_stood_on():
     lies, patches = turned_block(40)
     model, done = solid(patches, platform=0.0, tolerance=5e-4)
-    (found,) = map(Pose.from_array, model.placements)
-    assert np.degrees(rotation_angle(found.axes, lies.axes)) < 1.0
+    (pose,) = map(Pose.from_array, model.placements)
+    assert np.degrees(rotation_angle(pose.axes, lies.axes)) < 1.0
     off = ((model.vertices - BLOCK_MIDDLE) @ BLOCK_NORMALS.T - BLOCK_OFFSETS).max(axis=1)
     assert np.median(np.abs(off)) < 0.15e-3 and model.placement_faults == ()
     assert done.rms_bound_95 is not None and np.sqrt(np.mean(off**2)) < done.rms_bound_95

@@ -203,11 +203,11 @@ def published(params: Any) -> list[Timed]:
 
 
 def test_frames_of_a_file_become_patches_of_the_ball(table: Path):
-    found = drive(driver.SOURCE, params={**PAD, "path": str(table)})
-    assert found[-1] == Finished(f"published the 3 frames of {table}")
-    assert messages_on(found, "/touch/end")[0].frames == 3
-    images = drive(filter.NODE, found[:-2])
-    patches = messages_on(drive(curvature.NODE, [found[0], *images]), "/touch/patch")
+    published = drive(driver.SOURCE, params={**PAD, "path": str(table)})
+    assert published[-1] == Finished(f"published the 3 frames of {table}")
+    assert messages_on(published, "/touch/end")[0].frames == 3
+    images = drive(filter.NODE, published[:-2])
+    patches = messages_on(drive(curvature.NODE, [published[0], *images]), "/touch/patch")
     for patch in patches:
         # Rounding alone: a paraboloid is a jet.
         assert (patch.k1, patch.k2) == pytest.approx((50.0, 50.0), rel=1e-6)
@@ -250,8 +250,8 @@ def test_file_that_cannot_be_published_is_refused_before_the_start(table, change
     ({"sensor": {"signal": "force"}}, 1.0),
     ({"values": "signal", "sensor": {"signal": "force"}}, 2e8 * 1e-6),
 )
-def test_numbers_mean_what_the_parameters_say(given: dict[str, Any], unit: float):
-    sensing = msgspec.convert(given, SensorParams)
+def test_numbers_mean_what_the_parameters_say(fields: dict[str, Any], unit: float):
+    sensing = msgspec.convert(fields, SensorParams)
     frame = tactile_frame(sensing, 0, 0.0, np.array(POSE), unit * ball())
     back = calibration_of_info(sensor_info(sensing)).decode(frame.array)
     # Lengths of 3 mm at most, through few operations: a few units in the last place of that.
@@ -278,8 +278,8 @@ def test_outcome_is_told_from_the_image(image: Floats, outcome: str):
 @pytest.fixture
 def server() -> Iterator[socket.socket]:
     """A server on a free port of this machine."""
-    with socket.create_server(("127.0.0.1", 0)) as found:
-        yield found
+    with socket.create_server(("127.0.0.1", 0)) as listening:
+        yield listening
 
 
 def port(server: socket.socket) -> str:
@@ -368,10 +368,10 @@ def test_sensor_tells_what_stands_in_its_data_sheet():
 
 
 def test_calibration_of_a_sensor_replaces_its_data_sheet():
-    found = CalibrationSpec(
+    calibration = CalibrationSpec(
         gain=((1.1,) * 16,) * 16, offset=((1e-5,) * 16,) * 16, sound_speed=950.0, noise=2e-5
     )
-    info = info_of(SensorSpec(calibration=found), 1e-6)
+    info = info_of(SensorSpec(calibration=calibration), 1e-6)
     assert (info.sound_speed, info.noise, resolution_of_info(info)) == (950.0, 2e-5, 2e-5)
     assert (info.gain == 1.1).all() and (info.offset == 1e-5).all()
     assert resolution_of_info(info_of(SensorSpec(), 1e-6)) == pytest.approx(1e-5)

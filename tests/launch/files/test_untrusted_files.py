@@ -67,12 +67,12 @@ def test_name_that_leads_elsewhere_is_refused(tmp_path, name, words):
 
 
 def test_npz_arrays_are_read_as_they_were_written():
-    given = {"a": np.eye(3), "b/c": np.arange(4, dtype=np.int32), "d": np.array("text")}
-    found = read_npz(npz(given))
-    assert found.keys() == given.keys()
-    for name, array in given.items():
-        assert found[name].dtype == array.dtype
-        np.testing.assert_array_equal(found[name], array)
+    written = {"a": np.eye(3), "b/c": np.arange(4, dtype=np.int32), "d": np.array("text")}
+    read = read_npz(npz(written))
+    assert read.keys() == written.keys()
+    for name, array in written.items():
+        assert read[name].dtype == array.dtype
+        np.testing.assert_array_equal(read[name], array)
     packed = io.BytesIO()
     np.savez_compressed(packed, a=np.zeros(1000))
     assert read_npz(packed.getvalue())["a"].shape == (1000,)
@@ -123,10 +123,10 @@ def test_overlapping_parts_are_refused():
 def test_numbers_are_yaml_1_2_and_values_have_lines():
     value = parse_yaml("[5e-2, 1e3, no, 012, true, null, 0x10]", "f").value
     assert value == [0.05, 1000.0, "no", 12, True, None, 16]
-    found = parse_yaml("a:\n  b:\n    - 1\n    - c: 2\n", "f.yaml")
-    assert found.place(("a", "b", 1, "c")) == "f.yaml:4"
-    assert found.place(("a", "b", 0, "none")) == "f.yaml:3"
-    assert found.part(("a", "b")).place((1,)) == "f.yaml:4"
+    document = parse_yaml("a:\n  b:\n    - 1\n    - c: 2\n", "f.yaml")
+    assert document.place(("a", "b", 1, "c")) == "f.yaml:4"
+    assert document.place(("a", "b", 0, "none")) == "f.yaml:3"
+    assert document.part(("a", "b")).place((1,)) == "f.yaml:4"
 
 
 @pytest.mark.parametrize(("text", "words"), [

@@ -39,9 +39,9 @@ def test_header_and_time_of_a_message(wires: Any):
     publisher.send("/talk", b"body", robot_time=2.5, schema=9, outside=True)
     publisher.send("/talk", b"body", robot_time=2.5, schema=9)
     assert wires.seqs() == [0, 1]
-    one, other = (arrival.header for arrival in wires.heard["hearer"])
-    assert one._replace(sent_ns=0) == Header(1, 3, 0, 0, 2.5, 9, True)
-    assert other.sent_ns > one.sent_ns > 1 << 60
+    first, second = (arrival.header for arrival in wires.heard["hearer"])
+    assert first._replace(sent_ns=0) == Header(1, 3, 0, 0, 2.5, 9, True)
+    assert second.sent_ns > first.sent_ns > 1 << 60
     with pytest.raises(KeyError, match="/elsewhere"):
         wires.publish(publisher, b"", topic="/elsewhere")
 
