@@ -1,8 +1,8 @@
-"""How charts look, and how they become files: one style of matplotlib for all of them.
+"""Style of all charts, and writing them to files with matplotlib.
 
-A figure is measured in CSS pixels and drawn in the colours of a light page. As SVG its text is text
-in the page's font, the same figure is the same file, and dark pages see the colours of `ON_DARK`.
-matplotlib takes half a second to import: who only may have to draw imports this when drawing.
+A figure is measured in CSS pixels and drawn in the colours of a light page. In an SVG file, text
+uses the font of the page, equal figures give equal files, and dark pages show the colours of
+`ON_DARK`. Importing matplotlib takes half a second: modules that seldom draw import this late.
 
 Series have the colours of Okabe and Ito (2008), which colour-blind readers tell apart.
 """
@@ -32,8 +32,8 @@ from palpate.launch.colours import COLOURS, ERROR_ON_DARK
 from palpate.launch.files.file_access import write_atomically
 from palpate.launch.log_scale import LogScale
 
-PIXELS_PER_INCH = 96  # of CSS
-TICK_ROOM = {"x": 44.0, "y": 28.0}  # mean distance of two ticks, at least [pixel]
+PIXELS_PER_INCH = 96  # definition of the CSS pixel
+MIN_TICK_SPACING = {"x": 44.0, "y": 28.0}  # mean distance of neighbouring ticks [pixel]
 INK, DIM, GRID, PAGE, PANEL = "#1f2328", "#59636e", "#d0d7de", "#ffffff", "#eef2f7"
 BAR, GOOD = "#6e93c9", "#1a7f37"
 BLUE, VERMILION, GREEN, ORANGE = "#0072b2", "#d55e00", "#009e73", "#e69f00"
@@ -44,7 +44,7 @@ ON_DARK = {
     **{BAR: "#3d6399", GOOD: "#3fb950", BLUE: "#58a6ff", VERMILION: "#f0883e"},
     COLOURS["error"]: ERROR_ON_DARK,
 }
-LOOK: dict[Any, Any] = {
+STYLE: dict[Any, Any] = {
     "savefig.dpi": "figure",
     "font.family": "DejaVu Sans",  # comes with matplotlib, and is wider than most
     "font.size": 9.0,
@@ -64,11 +64,11 @@ LOOK: dict[Any, Any] = {
     "axes.edgecolor": GREY,
     **dict.fromkeys(("text.color", "axes.labelcolor", "xtick.color", "ytick.color"), INK),
     "svg.fonttype": "none",
-    "text.parse_math": False,  # a name may have two dollars
+    "text.parse_math": False,  # a name may contain two dollar signs
 }
-styled = matplotlib.rc_context(LOOK)  # decorates what draws
+styled = matplotlib.rc_context(STYLE)  # decorator of functions that draw
 _FONT = 'system-ui, "Segoe UI", Helvetica, Arial, "DejaVu Sans", sans-serif'
-_NO_XML = re.compile("[^\t\n\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+_NOT_XML = re.compile("[^\t\n\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 _SUPERFLUOUS = re.compile(
     r"""<metadata>.*?</metadata>\n*|<!--.*?-->\n*|(?<=\n) +| ?\n(?=[MLCQz"])""", re.DOTALL
 )
@@ -81,41 +81,42 @@ def new_figure(width: float, height: float) -> Figure:
 
 
 def log_ticks(axes: Axes, which: str = "xy") -> None:
-    """Round numbers, written as one says them, on the log scales of a panel that is drawn."""
-    room = axes.get_window_extent()
-    for name, pixels in (("x", room.width), ("y", room.height)):
+    """Label the log scales of a drawn panel with round numbers, as 0.5 or 20."""
+    panel = axes.get_window_extent()
+    for name, pixels in (("x", panel.width), ("y", panel.height)):
         if name in which:
             axis: Axis = getattr(axes, f"{name}axis")
-            scale, most = LogScale(*axis.get_view_interval()), max(2, int(pixels / TICK_ROOM[name]))
-            ticks = scale.ticks(most)
+            scale = LogScale(*axis.get_view_interval())
+            max_ticks = max(2, int(pixels / MIN_TICK_SPACING[name]))
+            ticks = scale.ticks(max_ticks)
             if len(ticks) < 2:  # a narrow part of a decade
-                ticks = [*MaxNLocator(min(most, 4)).tick_values(*scale)][1:-1]
+                ticks = [*MaxNLocator(min(max_ticks, 4)).tick_values(*scale)][1:-1]
             axis.set_ticks([], minor=True)
             axis.set_ticks(ticks, [f"{tick:g}" for tick in ticks])
 
 
 @contextmanager
-def _any_letters() -> Iterator[None]:
-    """Letters that matplotlib's font lacks are no matter: the font of the page may have them."""
+def _missing_glyphs_ignored() -> Iterator[None]:
+    """Ignore warnings of glyphs that matplotlib's font lacks: the page's font may have them."""
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Glyph .* missing")
         yield
 
 
-@_any_letters()
+@_missing_glyphs_ignored()
 def text_width(text: str, size: float, weight: str = "normal") -> float:
     """Width of a text in points, of a size in points."""
-    font = FontProperties(family=LOOK["font.family"], size=size, weight=weight)
+    font = FontProperties(family=STYLE["font.family"], size=size, weight=weight)
     width: float = text_to_path.get_text_width_height_descent(text, font, ismath=False)[0]
     return width
 
 
-@_any_letters()
+@_missing_glyphs_ignored()
 @styled
 def svg_text(figure: Figure, title: str, notes: Mapping[str, str] | None = None) -> str:
-    """A figure as the text of an SVG file, `title` its accessible name.
+    """Text of an SVG file of a figure, with `title` as its accessible name.
 
-    `notes` has, by the ``gid`` of something drawn, what is shown where the mouse rests on it.
+    `notes` maps the ``gid`` of an artist to the tooltip that is shown over it.
     """
     file, title = io.StringIO(), xml_text(title)
     salt = f"{title}, {figure.get_size_inches()}"  # ids differ within a page
@@ -133,12 +134,12 @@ def svg_text(figure: Figure, title: str, notes: Mapping[str, str] | None = None)
 
 
 def xml_text(text: str) -> str:
-    """Text without the signs that XML cannot hold."""
-    return _NO_XML.sub("?", text)
+    """Text in which characters that XML forbids are replaced by question marks."""
+    return _NOT_XML.sub("?", text)
 
 
 def _style(body: str) -> str:
-    """The font, and the colours on a dark page of what is drawn."""
+    """Style sheet of an SVG file: the font, and the colours on a dark page."""
     rules = [
         f'[style*="{what}: {light}"] {{ {what}: {dark} !important; }}'
         for light, dark in ON_DARK.items()
@@ -149,7 +150,7 @@ def _style(body: str) -> str:
     return f"<style>\ntext {{ font-family: {_FONT} !important; }}\n{dark}\n</style>"
 
 
-@_any_letters()
+@_missing_glyphs_ignored()
 @styled
 def write_figure(figure: Figure, path: Path, title: str = "") -> Path:
     """Write a figure whole or not at all, as ``.svg`` or ``.png``; its folder is made if missing.

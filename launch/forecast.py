@@ -1,9 +1,9 @@
-"""What an exploration is expected to cost: before it begins, and again once the hand has grasped.
+"""Expected cost of an exploration: before it begins, and again after the grasp.
 
-Slices cost by tolerance over height, as the shipped scenes did; a wider object has longer
-contours. Single touches cost by the area, as scans did. Before the grasp the object's box tells its
-area, in a simulation; after it the coarse model does. Neither sees hollows and thin walls: such an
-object takes many times more.
+The cost of slices depends on tolerance over height, as in the shipped scenes; a wider object has
+longer contours. The cost of single touches depends on the area, as in scans. Before the grasp, in a
+simulation, the area follows from the object's box; after it, from the coarse model. Neither shows
+hollows and thin walls: such an object takes many times more.
 """
 
 from __future__ import annotations
@@ -19,60 +19,59 @@ from palpate.messages.types import Superquadric
 from palpate.nodes import planner
 from palpate.nodes.planning.knowledge import fitted_superquadric
 
-ELLIPSOID_POWER = 1.6075  # Of Thomsen's formula for the area, within 1.1 %
-COARSE_LEVEL = 4  # Of the icosphere by which the coarse model's area is measured
+ELLIPSOID_POWER = 1.6075  # of Thomsen's formula for the area, exact to 1.1 %
 
 
 class ExpectedCost(NamedTuple):
-    """What shipped scenes took at one tolerance: lower quartile, median, upper quartile."""
+    """Cost of the shipped scenes at one tolerance: lower quartile, median, upper quartile."""
 
     touches: tuple[float, float, float]
-    seconds: tuple[float, float, float]  # Robot time, one finger of the preset ``modern``, s
+    seconds: tuple[float, float, float]  # robot time of one finger of the preset ``modern`` [s]
 
 
-# By the tolerance over the object's height, %: `palpate bench planners --only tolerances`.
-COSTS: Mapping[float, ExpectedCost] = {
+# By the tolerance over the object's height [%]: `palpate bench planners --only tolerances`.
+EXPECTED_COSTS: Mapping[float, ExpectedCost] = {
     1.0: ExpectedCost((44, 64, 99), (155, 195, 251)),
     0.5: ExpectedCost((51, 80, 106), (165, 196, 260)),
     0.2: ExpectedCost((88, 94, 162), (205, 226, 322)),
     0.1: ExpectedCost((137, 150, 171), (270, 298, 325)),
     0.05: ExpectedCost((183, 200, 293), (334, 367, 498)),
 }
-# Processor time of a whole run over that of quality normal.
-QUALITY_COST: Mapping[str, float] = {"draft": 0.85, "normal": 1.0, "fine": 1.5}
+# Processor time of a whole run over that with quality normal.
+QUALITY_COST_RATIOS: Mapping[str, float] = {"draft": 0.85, "normal": 1.0, "fine": 1.5}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ForecastSettings:
-    """How the cost follows from the object's size; from the shipped scenes and ten scans."""
+    """How the cost depends on the size of the object; from the shipped scenes and ten scans.
 
-    # Area of a box's content over that of the ellipsoid in it; only until the grasp is known.
-    fullness: float = 1.2
+    Single touches grow with a power of the area, since larger objects have no more features, and
+    with the tolerance as slices of an object of `typical_height` do, whatever the object's height.
+    """
+
+    area_ratio: float = 1.2  # of an object to the ellipsoid in its box; used before the grasp
     typical_perimeter: float = 0.22  # of the shipped scenes: area over height [m]
-    # Single touches on `typical_area` [m^2] for `typical_tolerance` [m], and how they grow with a
-    # power of the area: large objects have no more features. With the tolerance as slices do, of
-    # an object of `typical_height` [m], whatever its own: the error of the poses is the same.
-    typical_touches: float = 80.0
-    typical_area: float = 0.02
+    typical_touches: float = 80.0  # single touches on `typical_area` for `typical_tolerance`
+    typical_area: float = 0.02  # [m^2]
     area_power: float = 0.7
-    typical_tolerance: float = 2e-4
-    typical_height: float = 0.1
-    spread: float = 1.5  # factor between the middle and either quartile of single touches
+    typical_tolerance: float = 2e-4  # [m]
+    typical_height: float = 0.1  # [m]
+    quartile_ratio: float = 1.5  # of either quartile of single touches to the median
     grasp_seconds: float = 110.0  # robot time until the first contour [s]
-    seconds_per_touch: float = 2.0  # robot time of a single touch with its way [s]
+    seconds_per_touch: float = 2.0  # robot time of a single touch and its approach [s]
     compute_per_slice_touch: float = 0.05  # processor time on one core of 2020 [s]
     compute_per_single_touch: float = 0.15  # the same where a general solid is fitted [s]
 
 
 class Forecast(NamedTuple):
-    """What an exploration is expected to take."""
+    """Expected cost of an exploration."""
 
     touches: tuple[float, float, float]  # lower quartile, median, upper quartile
-    seconds: tuple[float, float, float]  # the same of robot time [s]
+    seconds: tuple[float, float, float]  # robot time, same quartiles [s]
     compute: float  # processor time [s]
 
     def texts(self) -> list[str]:
-        """The same in words."""
+        """The cost in words: touches, robot time and processor time."""
         (low, middle, high), seconds = self.touches, self.seconds
         return [
             f"about {middle:.0f} touches ({low:.0f} to {high:.0f})",
@@ -83,57 +82,63 @@ class Forecast(NamedTuple):
 
 def forecast(
     asked: planner.Params,
-    size: Sequence[float],  # Of the object's box, (3,), m
-    area: float | None = None,  # Of its surface, m^2; None: as its box lets expect
+    size: Sequence[float],
+    area: float | None = None,
     quality: str = "normal",
     settings: ForecastSettings = ForecastSettings(),
 ) -> Forecast:
-    """What an object of this size is expected to take, by slices or by single touches."""
+    """Expected cost of an object of this size, by slices or by single touches as `asked`.
+
+    `size`: of the object's box, (3,) [m]. `area`: of its surface [m^2]; estimated if None.
+    """
     if area is None:
-        area = settings.fullness * ellipsoid_area(size)
+        area = settings.area_ratio * ellipsoid_area(size)
     height = float(size[2])
     if asked.makes_single_touches:
-        found = _single_touches(asked.tolerance, area, settings)
+        expected = _single_touches(asked.tolerance, area, settings)
     else:
         cost = expected_cost(asked.tolerance / height)
-        found = _slices(cost, area / height / settings.typical_perimeter, settings)
-    return found._replace(compute=found.compute * QUALITY_COST[quality])
+        expected = _slices(cost, area / height / settings.typical_perimeter, settings)
+    return expected._replace(compute=expected.compute * QUALITY_COST_RATIOS[quality])
 
 
 class SizeCost(NamedTuple):
-    """What an object takes at least by its size."""
+    """Cost of an object, estimated from its size."""
 
     touches: float
-    seconds: float  # of processor time [s]
-    memory: float  # of the node that takes the most [bytes]
+    seconds: float  # processor time [s]
+    memory: float  # of the node that needs most [bytes]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SizeLimits:
-    """Which objects are begun, and how their size is weighed.
+    """Limits on the cost of an object, and estimates of the cost from its size.
 
-    A ball of 0.3 m takes 717 touches of a pad 16 mm wide, of which an archive keeps 8 kB each and a
-    message in the making some copies.
+    A ball of 0.3 m takes 717 touches of a pad 16 mm wide. An archive stores 8 kB of each touch, and
+    a message that is being made holds some copies.
     """
 
-    max_seconds: float = 600.0  # of processor time [s]
+    max_seconds: float = 600.0  # processor time [s]
     max_memory: float = 2e9  # [bytes]
-    max_extent: float = 1.0  # [m], of a fit: `core.rebuild.general.GridSettings`
-    touch_area: float = 1.54  # [pad widths squared] of surface that one touch covers
-    touch_memory: float = 40e3  # [bytes] of a touch
-    fit_memory: float = 0.45e9  # [bytes] of one fit at most: `core.rebuild.general.GridSettings`
-    touch_seconds: float = 0.05  # of processor time, of a touch at least [s]
+    max_extent: float = 1.0  # of a fit [m]: `core.rebuild.general.GridSettings`
+    touch_area: float = 1.54  # of surface that one touch covers [pad widths squared]
+    touch_memory: float = 40e3  # of a touch [bytes]
+    fit_memory: float = 0.45e9  # maximum of one fit [bytes]: `core.rebuild.general.GridSettings`
+    touch_seconds: float = 0.05  # minimum processor time of a touch [s]
 
 
 def size_cost(
     asked: planner.Params,
-    size: Sequence[float],  # Of the object's box, (3,), m
-    area: float,  # Of its surface, m^2
-    pad_width: float,  # m
+    size: Sequence[float],
+    area: float,
+    pad_width: float,
     quality: str = "normal",
     limits: SizeLimits = SizeLimits(),
 ) -> SizeCost:
-    """What an object of this size takes, and no more than the touches that are allowed."""
+    """Cost of an object of this size, with at most the touches that are `asked`.
+
+    `size`: of the object's box, (3,) [m]. `area`: of its surface [m^2]. `pad_width` is in m.
+    """
     expected = forecast(asked, size, area, quality)
     touches = max(expected.touches[1], area / (limits.touch_area * pad_width**2))
     seconds = max(expected.compute, limits.touch_seconds * touches)
@@ -143,56 +148,61 @@ def size_cost(
 
 
 def renewed_forecast(
-    asked: planner.Params, coarse: Superquadric, quality: str = "normal"
+    asked: planner.Params, coarse: Superquadric, quality: str = "normal", mesh_level: int = 4
 ) -> Forecast | None:
-    """The same by the coarse model that the grasp has given; None if that is no solid."""
-    from palpate.core.geometry import areas_and_normals  # which nobody needs before the grasp
+    """Expected cost by the coarse model after the grasp; None if that is no solid.
+
+    The area is that of a mesh of the model with `mesh_level` subdivisions of an icosahedron.
+    """
+    from palpate.core.geometry import areas_and_normals  # imported late: a run starts without it
 
     try:
-        mesh = fitted_superquadric(coarse).shape().mesh(COARSE_LEVEL)
-    except ValueError:  # its bend folds it
+        mesh = fitted_superquadric(coarse).shape().mesh(mesh_level)
+    except ValueError:  # it is bent into itself
         return None
     area = float(areas_and_normals(mesh.vertices[mesh.faces])[0].sum())
     return forecast(asked, np.ptp(mesh.vertices, axis=0).tolist(), area, quality)
 
 
-def expected_cost(share: float) -> ExpectedCost:
-    """For a tolerance over the height, between those that were measured by powers."""
-    known = np.log(sorted(COSTS))
-    rows = np.log([COSTS[one] for one in sorted(COSTS)])
+def expected_cost(relative_tolerance: float) -> ExpectedCost:
+    """Cost at a tolerance over the height, interpolated between measured ones on log scales."""
+    known = np.log(sorted(EXPECTED_COSTS))
+    costs = np.log([EXPECTED_COSTS[percent] for percent in sorted(EXPECTED_COSTS)])
 
-    def between(which: int) -> tuple[float, float, float]:
-        at, columns = math.log(100.0 * share), rows[:, which].T
-        low, middle, high = (float(np.exp(np.interp(at, known, one))) for one in columns)
-        return low, middle, high
+    def interpolated(kind: int) -> tuple[float, float, float]:
+        x, columns = math.log(100.0 * relative_tolerance), costs[:, kind].T
+        low, median, high = (float(np.exp(np.interp(x, known, column))) for column in columns)
+        return low, median, high
 
-    return ExpectedCost(touches=between(0), seconds=between(1))
+    return ExpectedCost(touches=interpolated(0), seconds=interpolated(1))
 
 
 def ellipsoid_area(size: Sequence[float]) -> float:
-    """Area of the ellipsoid in a box of this size (3,), m^2: K. Thomsen's formula."""
+    """Area of the ellipsoid in a box of this size, (3,) [m]: K. Thomsen's formula [m^2]."""
     a, b, c = ((0.5 * float(side)) ** ELLIPSOID_POWER for side in size)
     return float(4.0 * math.pi * ((a * b + a * c + b * c) / 3.0) ** (1.0 / ELLIPSOID_POWER))
 
 
-def _slices(cost: ExpectedCost, wider: float, settings: ForecastSettings) -> Forecast:
-    """By the cost of a typical object and by how much longer than its contours these are."""
-    low, middle, high = (wider * one for one in cost.touches)
+def _slices(cost: ExpectedCost, perimeter_ratio: float, settings: ForecastSettings) -> Forecast:
+    """Cost of an object with contours that are `perimeter_ratio` times as long as typical ones."""
+    low, middle, high = (perimeter_ratio * touches for touches in cost.touches)
     grasp = settings.grasp_seconds
-    begins, median, ends = (grasp + wider * max(one - grasp, 0.0) for one in cost.seconds)
+    short, median, long = (
+        grasp + perimeter_ratio * max(seconds - grasp, 0.0) for seconds in cost.seconds
+    )
     compute = settings.compute_per_slice_touch * middle
-    return Forecast((low, middle, high), (begins, median, ends), compute)
+    return Forecast((low, middle, high), (short, median, long), compute)
 
 
 def _single_touches(tolerance: float, area: float, settings: ForecastSettings) -> Forecast:
-    asked, typical = (
-        expected_cost(one / settings.typical_height).touches[1]
-        for one in (tolerance, settings.typical_tolerance)
+    requested, typical = (
+        expected_cost(value / settings.typical_height).touches[1]
+        for value in (tolerance, settings.typical_tolerance)
     )
-    larger = (area / settings.typical_area) ** settings.area_power
-    middle = settings.typical_touches * larger * asked / typical
-    touches = middle / settings.spread, middle, middle * settings.spread
+    area_factor = (area / settings.typical_area) ** settings.area_power
+    middle = settings.typical_touches * area_factor * requested / typical
+    touches = middle / settings.quartile_ratio, middle, middle * settings.quartile_ratio
     low, median, high = (
-        settings.grasp_seconds + settings.seconds_per_touch * one for one in touches
+        settings.grasp_seconds + settings.seconds_per_touch * count for count in touches
     )
     return Forecast(touches, (low, median, high), settings.compute_per_single_touch * middle)

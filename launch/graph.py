@@ -1,7 +1,7 @@
-"""The graph as it is described: its nodes, their parameters and topics, and who ends it.
+"""Description of a graph: its nodes, their parameters and topics, and the node that ends it.
 
-A launch file gives one, in YAML or in Python. Its parameters may be set from outside; it is
-checked whole before any process starts, and written down as it was resolved.
+A launch file gives one, in YAML or Python. Its parameters may be changed by settings. It is checked
+whole before any process starts, and written to the run directory as it was resolved.
 """
 
 from __future__ import annotations
@@ -26,78 +26,89 @@ from palpate.messages.bus import LAUNCHER
 from palpate.messages.types import TYPES, GraspContacts, TactileFrame, Truth
 from palpate.nodes.runtime.node import AnyNode, Input, Node, Sink, Source, Wiring, is_persistent
 
-# Modules of the nodes that may know the true shape.
+# Modules of the nodes that may subscribe to the true shape.
 MAY_KNOW_TRUTH = frozenset({f"palpate.nodes.{kind}" for kind in ("evaluator", "view", "recorder")})
-MOVED = {TactileFrame, GraspContacts}  # Types of the messages that tell what a robot has done
-HOSTS = "palpate.hosts"  # Entry points of what reaches other machines: `address` and `machines`
+ROBOT_TYPES = {TactileFrame, GraspContacts}  # messages that a robot's motion makes
+HOSTS = "palpate.hosts"  # entry points for other machines: `address` and `machines`
 _NAME = re.compile(r"[a-z][a-z0-9_]{0,31}")
 _TOPIC = re.compile(r"(/[a-z][a-z0-9_]*)+")
 
 
 @dataclass(frozen=True, slots=True)
 class Graph:
-    """Nodes, and the name of the one whose Finished ends them all."""
+    """Nodes, and the name of the node whose Finished ends them all."""
 
-    entries: tuple[Entry, ...]  # The nodes
-    ends: str  # Name of the node that ends the graph
-    source: str = ""  # ``file:line`` at which `ends` is given
-    rate: float = 0.0  # Robot time that passes in a second; 0: as fast as it is computed
+    entries: tuple[Entry, ...]  # of the nodes
+    ends: str  # name of the node that ends the graph
+    source: str = ""  # ``file:line`` of `ends`
+    rate: float = 0.0  # robot time per wall time; 0: as fast as it is computed
 
     def wirings(self) -> tuple[Wiring, ...]:
-        """What each process must know; refuses a graph that could not run.
+        """The wiring of each node.
 
-        Raises InputError, with file and line where known: a name given twice, an unknown kind or
-        parameter, a parameter of the wrong type or range, an input that nobody publishes, a topic
-        with two publishers, two types, a node that may not know the truth, an unknown `ends`.
+        Raises InputError, with file and line where known, for a graph that cannot run: a repeated
+        name, an unknown kind or parameter, a parameter of the wrong type or range, an input that no
+        node publishes, a topic with two publishers or two types, a node that may not know the
+        truth, an unknown `ends`.
         """
         placed = resolve_nodes(self.entries)
         published = publishers(placed)
         check_custom_types(published)
-        inputs = {one.entry.name: _inputs(one, published, placed) for one in placed}
+        inputs = {resolved.entry.name: _inputs(resolved, published, placed) for resolved in placed}
         self._check_ends(placed)
         return tuple(
             Wiring(
-                name=one.entry.name,
-                module=one.entry.module,
-                host=one.entry.host,
-                nice=one.entry.nice,
-                on_exit=one.entry.on_exit,
-                handler_timeout=one.node.handler_timeout,
-                params=one.params,
-                inputs=inputs[one.entry.name],
-                outputs=dict(one.outputs),
-                types={wire: one.types[local].__name__ for local, wire in one.outputs.items()},
+                name=resolved.entry.name,
+                module=resolved.entry.module,
+                host=resolved.entry.host,
+                nice=resolved.entry.nice,
+                on_exit=resolved.entry.on_exit,
+                handler_timeout=resolved.node.handler_timeout,
+                params=resolved.params,
+                inputs=inputs[resolved.entry.name],
+                outputs=dict(resolved.outputs),
+                types={
+                    wire: resolved.types[local].__name__ for local, wire in resolved.outputs.items()
+                },
                 schemas={
                     cls.__name__: json.dumps(schema(cls))
-                    for local, cls in one.types.items()
+                    for local, cls in resolved.types.items()
                     if TYPES.get(cls.__name__) is not cls
                 },
-                persistent=is_persistent(one.node),
-                rate=self.rate if MOVED.intersection(one.types.values()) else 0.0,
+                persistent=is_persistent(resolved.node),
+                rate=self.rate if ROBOT_TYPES.intersection(resolved.types.values()) else 0.0,
                 subscribers={
                     topic: tuple(
                         name for name, its in inputs.items() if any(x.topic == topic for x in its)
                     )
-                    for topic in one.outputs.values()
+                    for topic in resolved.outputs.values()
                 },
             )
-            for one in placed
+            for resolved in placed
         )
 
     def topics(self) -> dict[str, type]:
-        """Topic on the wire to the type of its messages."""
-        return {topic: one.type for topic, one in publishers(resolve_nodes(self.entries)).items()}
+        """Types of the messages by topic on the wire."""
+        return {
+            topic: resolved.type
+            for topic, resolved in publishers(resolve_nodes(self.entries)).items()
+        }
 
     def links(self) -> list[dict[str, Any]]:
         """The resolved wiring: each topic with type, publisher and subscribers."""
         return [
-            {"topic": topic, "type": one.types[topic], "from": one.name, "to": subscribers}
-            for one in self.wirings()
-            for topic, subscribers in one.subscribers.items()
+            {
+                "topic": topic,
+                "type": resolved.types[topic],
+                "from": resolved.name,
+                "to": subscribers,
+            }
+            for resolved in self.wirings()
+            for topic, subscribers in resolved.subscribers.items()
         ]
 
     def table(self) -> str:
-        """The resolved wiring, one topic a line."""
+        """The resolved wiring as lines of text, one for each topic."""
         rows = [
             (link["topic"], link["type"], link["from"], ", ".join(link["to"]))
             for link in self.links()
@@ -106,83 +117,83 @@ class Graph:
         return "\n".join((*lines, f"ends with the Finished of {self.ends}"))
 
     def _check_ends(self, placed: Iterable[ResolvedNode]) -> None:
-        nodes = [one.entry.name for one in placed if not isinstance(one.node, Sink)]
+        nodes = [resolved.entry.name for resolved in placed if not isinstance(resolved.node, Sink)]
         if self.ends not in nodes:
             where = f"{self.source}: " if self.source else ""
             raise InputError(
-                f"{where}ends names {self.ends!r}, which is no node of the graph that could "
-                f"finish; {hint(self.ends, nodes)}"
+                f"{where}ends names {self.ends!r}, which is no node of the graph that can finish; "
+                f"{hint(self.ends, nodes)}"
             )
 
 
 def publishers(placed: Iterable[ResolvedNode]) -> dict[str, Publisher]:
-    """Topic on the wire to its one publisher; InputError if two nodes publish one topic."""
-    found: dict[str, Publisher] = {}
-    for one in placed:
-        for local, topic in one.outputs.items():
-            if topic in found:
-                other = found[topic].placed.entry.name
-                raise one.entry.error(
+    """Publishers by topic on the wire; InputError if two nodes publish one topic."""
+    publisher_of: dict[str, Publisher] = {}
+    for resolved in placed:
+        for local, topic in resolved.outputs.items():
+            if topic in publisher_of:
+                other = publisher_of[topic].resolved.entry.name
+                raise resolved.entry.error(
                     f"publishes {topic}, which {other!r} publishes already; "
                     "put one into a namespace or remap the topic"
                 )
-            found[topic] = Publisher(one, one.types[local])
-    return found
+            publisher_of[topic] = Publisher(resolved, resolved.types[local])
+    return publisher_of
 
 
 def check_custom_types(published: Mapping[str, Publisher]) -> None:
-    """Refuse types that could not travel, or that a recording could not tell apart by name."""
+    """Refuse types that cannot be sent, or that have the name of another type in recordings."""
     named = dict(TYPES)
     for topic, publisher in published.items():
         cls = publisher.type
         try:
             schema(cls)
         except CodecError as error:
-            raise publisher.placed.entry.error(f"publishes {topic}: {error}") from None
+            raise publisher.resolved.entry.error(f"publishes {topic}: {error}") from None
         if not _is_same(named.setdefault(cls.__name__, cls), cls):
             other = named[cls.__name__]
-            raise publisher.placed.entry.error(
+            raise publisher.resolved.entry.error(
                 f"publishes {topic} as {cls.__name__} of {cls.__module__}, but {other.__module__} "
-                "has a type of that name; call it otherwise"
+                "has a type of that name; rename it"
             )
 
 
-def _is_same(one: type, other: type) -> bool:
-    """Whether two types are one, or one is the other as a recording describes it."""
-    alike = one.__name__ == other.__name__ and TYPES.get(one.__name__) is None
-    return one is other or (alike and schema_hash(one) == schema_hash(other))
+def _is_same(first: type, second: type) -> bool:
+    """Whether two types are the same, or have the same name and schema as in a recording."""
+    is_alike = first.__name__ == second.__name__ and TYPES.get(first.__name__) is None
+    return first is second or (is_alike and schema_hash(first) == schema_hash(second))
 
 
 def _inputs(
-    one: ResolvedNode, published: Mapping[str, Publisher], placed: Iterable[ResolvedNode]
+    resolved: ResolvedNode, published: Mapping[str, Publisher], placed: Iterable[ResolvedNode]
 ) -> tuple[Input, ...]:
-    if isinstance(one.node, Sink):
-        return tuple(_input(one, topic, topic, published[topic]) for topic in published)
-    if isinstance(one.node, Source):
+    if isinstance(resolved.node, Sink):
+        return tuple(_input(resolved, topic, topic, published[topic]) for topic in published)
+    if isinstance(resolved.node, Source):
         return ()
-    found = []
-    for local, (wanted, _) in one.node.inputs.items():
-        if is_left_out(one.entry, one.node, local):
+    inputs = []
+    for local, (wanted, _) in resolved.node.inputs.items():
+        if is_left_out(resolved.entry, resolved.node, local):
             continue
-        for topic in _sources(one.entry, one.node, local, published, placed):
+        for topic in _sources(resolved.entry, resolved.node, local, published, placed):
             source = published[topic]
             if not _is_same(wanted, source.type):
-                raise one.entry.error(
+                raise resolved.entry.error(
                     f"subscribes to {topic} as {wanted.__name__}, but "
-                    f"{source.placed.entry.name!r} publishes it as {source.type.__name__}"
+                    f"{source.resolved.entry.name!r} publishes it as {source.type.__name__}"
                 )
-            found.append(_input(one, topic, local, source))
-    return tuple(found)
+            inputs.append(_input(resolved, topic, local, source))
+    return tuple(inputs)
 
 
-def _input(one: ResolvedNode, topic: str, local: str, source: Publisher) -> Input:
-    # Judged by its type, so that no remapping smuggles the truth into the loop.
-    if source.type is Truth and one.entry.module not in MAY_KNOW_TRUTH:
-        raise one.entry.error(
+def _input(resolved: ResolvedNode, topic: str, local: str, source: Publisher) -> Input:
+    # The type is checked, not the topic, which may be remapped.
+    if source.type is Truth and resolved.entry.module not in MAY_KNOW_TRUTH:
+        raise resolved.entry.error(
             f"subscribes to {topic}, the true shape, which only an evaluator, a view or a recorder "
             "may; take this input away"
         )
-    return Input(source.placed.entry.name, topic, local, source.type.__name__)
+    return Input(source.resolved.entry.name, topic, local, source.type.__name__)
 
 
 def _sources(
@@ -192,10 +203,10 @@ def _sources(
     published: Mapping[str, Publisher],
     placed: Iterable[ResolvedNode],
 ) -> list[str]:
-    """Topics on the wire of an input: in the node's own namespace first, then outside.
+    """Topics on the wire of an input: of the node's own namespace, else outside.
 
-    An input that is `fan_in` subscribes to the topic in every namespace; an `optional` one may have
-    none.
+    An input in `fan_in` subscribes to the topic in every namespace; one in `optional` may have no
+    topic.
     """
     if local in entry.remap:
         candidates = [entry.remap[local]]
@@ -205,36 +216,36 @@ def _sources(
     else:
         candidates = [f"/{entry.namespace}{local}"] if entry.namespace else []
         candidates.append(local)
-    found = [topic for topic in candidates if topic in published]
-    if not found and (local in entry.remap or local not in node.optional):
+    topics = [topic for topic in candidates if topic in published]
+    if not topics and (local in entry.remap or local not in node.optional):
         near = hint(candidates[-1], published)
-        raise entry.error(f"subscribes to {candidates[-1]}, which nobody publishes; {near}")
-    return found if local in node.fan_in else found[:1]
+        raise entry.error(f"subscribes to {candidates[-1]}, which no node publishes; {near}")
+    return topics if local in node.fan_in else topics[:1]
 
 
 @dataclass(frozen=True, slots=True)
 class ResolvedNode:
-    """An entry whose node is known."""
+    """An entry with its node."""
 
     entry: Entry
     node: AnyNode
-    params: Any  # An instance of the node's own parameter type
-    types: Mapping[str, type]  # Topic as the node calls it, to the message type
-    outputs: Mapping[str, str]  # The same topics, to the topic on the wire
+    params: Any  # instance of the node's own parameter type
+    types: Mapping[str, type]  # message types by the node's names of topics
+    outputs: Mapping[str, str]  # topics on the wire by the node's names of topics
 
 
 class Publisher(NamedTuple):
-    """Who publishes a topic, and what."""
+    """The node that publishes a topic, and the type of its messages."""
 
-    placed: ResolvedNode
+    resolved: ResolvedNode
     type: type
 
 
 def resolve_nodes(entries: Iterable[Entry]) -> tuple[ResolvedNode, ...]:
-    """Find the node of each entry and check its name, parameters and remapping.
+    """The entries with their nodes; names, parameters and remappings are checked.
 
     Raises InputError if a name is taken or malformed, a kind or parameter is unknown, a parameter
-    is of the wrong type or out of range, or a topic is remapped that the node does not have.
+    is of the wrong type or out of range, or a remapped topic is none of the node.
     """
     placed: dict[str, ResolvedNode] = {}
     for entry in entries:
@@ -267,7 +278,7 @@ def _check_name(entry: Entry, placed: Mapping[str, ResolvedNode]) -> None:
     if entry.namespace and not _NAME.fullmatch(entry.namespace):
         raise entry.error(f"the namespace {entry.namespace!r} must be {rule}")
     if entry.name == LAUNCHER:
-        raise entry.error("that is the launcher's own name; choose another")
+        raise entry.error("that is the name of the launcher; choose another")
     if entry.name in placed:
         first = placed[entry.name].entry.source
         raise entry.error(f"the name is taken{f' by {first}' if first else ''}; choose another")
@@ -294,12 +305,12 @@ def _published_types(entry: Entry, node: AnyNode, params: Any) -> Mapping[str, t
 
 
 def is_left_out(entry: Entry, node: Node, topic: str) -> bool:
-    """Whether another finger's node subscribes to or publishes this topic for all of them."""
+    """Whether the node of the first finger uses this topic on behalf of all fingers."""
     return entry.finger > 1 and topic in node.shared
 
 
 def _check_remap(entry: Entry, node: AnyNode, publications: Iterable[str]) -> None:
-    # Of several fingers' nodes, those that leave a topic to the first may have it remapped, too.
+    # A topic that is left to the node of the first finger may be remapped for all fingers.
     known = (*node.inputs, *node.outputs) if isinstance(node, Node) else tuple(publications)
     for local, topic in entry.remap.items():
         if local not in known:
@@ -317,11 +328,11 @@ def _resolved_topic(entry: Entry, node: AnyNode, topic: str) -> str:
 
 
 def override(graph: Graph, settings: Mapping[str, SourceMapped]) -> Graph:
-    """The graph with parameters set from outside, by ``node.param``.
+    """The graph with other values of parameters, by ``node.param``.
 
-    Where there is one such node for each finger, its name without the number means all of them.
-    Raises InputError if a setting does not look like this or names no node; the parameter itself is
-    checked with the graph.
+    Where each finger has such a node, the name without the number means all of them. Raises
+    InputError if a setting has another form or names no node; the parameter itself is checked with
+    the graph.
     """
     entries = {entry.name: entry for entry in graph.entries}
     groups: dict[str, list[str]] = {name: [name] for name in entries}
@@ -348,31 +359,31 @@ def _with_parameter(entry: Entry, param: str, value: SourceMapped) -> Entry:
 
 
 def read_settings(texts: Iterable[str]) -> dict[str, SourceMapped]:
-    """Settings as typed on the command line, ``node.param=value`` each; later ones win.
+    """Settings of the command line, ``node.param=value`` each; the last of equal ones counts.
 
     Raises InputError if one has no ``=``, or a value that is not YAML.
     """
-    found = {}
+    settings = {}
     for text in texts:
         target, equals, value = text.partition("=")
         if not equals:
             raise InputError(f"--set {text}: must look like planner.tolerance=0.2e-3")
-        found[target] = _parsed(value, f"--set {text}")
-    return found
+        settings[target] = _parsed(value, f"--set {text}")
+    return settings
 
 
 def read_arguments(texts: Iterable[str]) -> dict[str, SourceMapped]:
-    """Arguments of a launch file as typed on the command line, ``name:=value`` each.
+    """Arguments of a launch file from the command line, ``name:=value`` each.
 
     Raises InputError if one has no ``:=``, or a value that is not YAML.
     """
-    found = {}
+    arguments = {}
     for text in texts:
         name, sign, value = text.partition(":=")
         if not (sign and name):
             raise InputError(f"{text!r}: an argument must look like scene:=vase")
-        found[name] = _parsed(value, text)
-    return found
+        arguments[name] = _parsed(value, text)
+    return arguments
 
 
 def _parsed(text: str, source: str) -> SourceMapped:
@@ -382,28 +393,28 @@ def _parsed(text: str, source: str) -> SourceMapped:
 def resolved_text(
     graph: Graph, wirings: Sequence[Wiring], out: Path, args: Mapping[str, Any] = {}
 ) -> str:
-    """The graph as a launch file, every reference replaced and every default filled in.
+    """The graph as a launch file, with references replaced and defaults filled in.
 
-    What lies in the run directory `out` is named by ``$(out)``, and a parameter that holds a mesh
-    by the scene's key, ``$(scene.object)``; `args` are the file's own arguments.
+    Paths in the run directory `out` begin with ``$(out)``, and a parameter with a mesh is the key
+    of the scene, ``$(scene.object)``. `args`: the arguments of the file.
     """
     entries = {entry.name: entry for entry in graph.entries}
     nodes = {}
     for wiring in wirings:
         entry = entries[wiring.name]
-        told = {key: getattr(entry, key) for key in ("remap", "namespace", "host", "nice")}
-        told |= {"remap": dict(entry.remap), "on_exit": entry.on_exit.removeprefix("restart")}
+        options = {key: getattr(entry, key) for key in ("remap", "namespace", "host", "nice")}
+        options |= {"remap": dict(entry.remap), "on_exit": entry.on_exit.removeprefix("restart")}
         nodes[wiring.name] = {
             "kind": entry.kind or entry.name,
             "params": _portable_params(wiring.params, out),
-            **{key: value for key, value in told.items() if value},
+            **{key: value for key, value in options.items() if value},
         }
-    told = {"args": dict(args), "nodes": nodes, "ends": graph.ends, "rate": graph.rate}
-    return yaml_text({key: value for key, value in told.items() if value})
+    document = {"args": dict(args), "nodes": nodes, "ends": graph.ends, "rate": graph.rate}
+    return yaml_text({key: value for key, value in document.items() if value})
 
 
 def _portable_params(params: Any, out: Path) -> dict[str, Any]:
-    """Parameters that mean the same in another run directory."""
+    """Parameters without the path of the run directory."""
     plain: dict[str, Any] = to_builtins(params, builtin_types=(bytes,))
     return {
         key: f"$(scene.{key})" if _holds_bytes(value) else _portable(value, str(out))
@@ -425,7 +436,7 @@ def _portable(value: Any, out: str) -> Any:
 
 
 def plain_params(params: Any) -> Any:
-    """The parameters of a node as plain values; bytes are named by their number and SHA-256."""
+    """The parameters of a node as plain values; bytes are shown as their number and SHA-256."""
     return _plain(to_builtins(params, builtin_types=(bytes,)))
 
 

@@ -1,9 +1,8 @@
-"""A launch file before it is checked: where it lies, its includes, references and nodes.
+"""Launch files before they are checked: their path, includes, references and nodes.
 
-Imports little: `wake_server` starts the fork server of the nodes from here while the rest of
-palpate, and the modules of the nodes, are still being imported. ``$(name)`` is the one way in
-which a value gets into a launch file from outside: a text that is nothing but one reference
-becomes the value itself, whatever its type.
+This module imports little: `prestart_fork_server` starts the fork server of the nodes while the
+rest of palpate and the modules of the nodes are imported. Values get into a launch file only by
+references ``$(name)``: a text that is one reference becomes the value itself, of any type.
 """
 
 from __future__ import annotations
@@ -18,19 +17,19 @@ from palpate.launch.files.yaml_file import read_yaml
 from palpate.launch.node_kinds import Entry
 from palpate.launch.processes.fork_server import start_fork_server
 
-SHIPPED_LAUNCH_FILES = Path(__file__).parent  # Where the launch files lie that come with palpate
-EXPLORE = SHIPPED_LAUNCH_FILES / "explore.yaml"  # The one that explores a scene
-# Those that explore it by an exploratory procedure, by its name.
+SHIPPED_LAUNCH_FILES = Path(__file__).parent  # folder of launch files that come with palpate
+EXPLORE = SHIPPED_LAUNCH_FILES / "explore.yaml"  # explores a scene
+# Exploratory procedures that have a launch file of their name.
 PROCEDURES = ("containment", "planar", "follower", "fearing", "openings")
-SYSTEMS = {"palpate": "explore", "thesis": "thesis"}  # Whose parts explore it, and their file
+SYSTEMS = {"palpate": "explore", "thesis": "thesis"}  # systems of parts, and their launch files
 INCLUDE = "include"
-MERGE_DEPTH = 3  # Depth to which maps of nodes are laid over one another: nodes, a node, its params
+MERGE_DEPTH = 3  # to which maps of nodes are merged: nodes, a node, its params
 _REFERENCE = re.compile(r"\$\(([^()]*)\)")
 Places = Mapping[KeyPath, str]
 
 
 def find_exploration(procedure: str | None = None, system: str | None = None) -> Path:
-    """The launch file that explores a scene, by an exploratory procedure or a system of parts.
+    """The launch file that explores a scene by an exploratory procedure, or by a system of parts.
 
     Raises InputError if there is no such procedure or system, or both are named.
     """
@@ -43,16 +42,16 @@ def find_exploration(procedure: str | None = None, system: str | None = None) ->
 
 
 def prestart_fork_server(path: Path) -> None:
-    """Wake the server of the nodes' processes, while the launch file is still to be checked.
+    """Start the fork server of the nodes before the launch file is checked.
 
-    Of a launch file in Python, or one that cannot be used, nothing is known yet, and done.
+    It is not started for a launch file in Python, or with a fault.
     """
     if modules := named_modules(path):
         start_fork_server(modules)
 
 
 def named_modules(path: Path) -> tuple[str, ...]:
-    """Modules of the nodes that a launch file in YAML names, unchecked; none if it has a fault."""
+    """Modules of the nodes in a launch file in YAML, unchecked; none if it has a fault."""
     if path.suffix == ".py":
         return ()
     try:
@@ -69,7 +68,7 @@ def named_modules(path: Path) -> tuple[str, ...]:
 
 
 def find_launch_file(path: Path) -> Path:
-    """A launch file given by path, or by name if it is a shipped one.
+    """A launch file, given by path, or by the name of a shipped one.
 
     Raises InputError if there is no such file, or it is neither YAML nor Python.
     """
@@ -86,28 +85,28 @@ def find_launch_file(path: Path) -> Path:
 def read_with_includes(
     path: Path, find: Callable[[Path], Path], above: tuple[Path, ...] = ()
 ) -> SourceMapped:
-    """A launch file in YAML laid over those that it includes; `above` are those that include it.
+    """A launch file in YAML merged over those that it includes; `above`: files that include it.
 
     Raises InputError if a file cannot be used, is no YAML, or includes itself.
     """
     own = read_yaml(path)
     if INCLUDE not in own.value:
         return own
-    at, given = (INCLUDE,), own.value[INCLUDE]
-    if not isinstance(given, str) or not given:
-        raise own.error(at, f"include is {given!r:.60}; expected the name of a launch file")
-    beside = path.parent / given
-    found = beside if beside.is_file() else find(Path(given))
-    if found.suffix == ".py":
-        raise own.error(at, f"includes {given}, which is no YAML")
+    at, name = (INCLUDE,), own.value[INCLUDE]
+    if not isinstance(name, str) or not name:
+        raise own.error(at, f"include is {name!r:.60}; expected the name of a launch file")
+    beside = path.parent / name
+    included = beside if beside.is_file() else find(Path(name))
+    if included.suffix == ".py":
+        raise own.error(at, f"includes {name}, which is no YAML")
     seen = (*above, path.resolve())
-    if found.resolve() in seen:
-        raise own.error(at, f"includes {given}, which includes this file")
-    return merged(read_with_includes(found, find, seen), own)
+    if included.resolve() in seen:
+        raise own.error(at, f"includes {name}, which includes this file")
+    return merged(read_with_includes(included, find, seen), own)
 
 
 def merged(below: SourceMapped, own: SourceMapped) -> SourceMapped:
-    """Arguments, nodes and their parameters of two files; where both have something, the own."""
+    """Arguments, nodes and their parameters of two files; where both have a value, `own` counts."""
     places = dict(below.places)
     rest = {key: value for key, value in own.value.items() if key != INCLUDE}
     value = _merged_values(below.value, rest, (), own.places, places)
@@ -117,11 +116,11 @@ def merged(below: SourceMapped, own: SourceMapped) -> SourceMapped:
 def _merged_values(
     below: Any, own: Any, path: KeyPath, own_places: Places, places: dict[KeyPath, str]
 ) -> Any:
-    """One value over another; `places` is changed to where each part now comes from."""
+    """A value merged over another; `places` is updated with the sources of its parts."""
     depth = MERGE_DEPTH if path[:1] == ("nodes",) else 1
     kept = below if isinstance(below, dict) and len(path) <= depth else {}
     if own is None and len(path) == 2 and path[0] == "nodes":
-        own = {}  # a node that is only named stays as it is
+        own = {}  # a node without contents is unchanged
     if len(path) == MERGE_DEPTH and isinstance(own, dict) and isinstance(below, str):
         return _listed(below, own, path, own_places, places)
     if not (isinstance(own, dict) and kept):
@@ -131,17 +130,17 @@ def _merged_values(
         return own
     if path in own_places:
         places[path] = own_places[path]
-    laid = {
-        key: _merged_values(kept.get(key), one, (*path, key), own_places, places)
-        for key, one in own.items()
+    merged = {
+        key: _merged_values(kept.get(key), item, (*path, key), own_places, places)
+        for key, item in own.items()
     }
-    return {**kept, **laid}
+    return {**kept, **merged}
 
 
 def _listed(
     below: str, own: Any, path: KeyPath, own_places: Places, places: dict[KeyPath, str]
 ) -> list[Any]:
-    """A map over a reference, whose value is not known yet: both, for later."""
+    """A map over a reference, whose value is not known yet: a list of both, merged later."""
     if path in places:
         places[*path, 0] = places[path]
     depth = len(path)
@@ -151,54 +150,56 @@ def _listed(
     return [below, own]
 
 
-def substitute(given: SourceMapped, known: Mapping[str, SourceMapped]) -> SourceMapped:
-    """The document with every reference replaced; the places of what is inserted are kept.
+def substitute(document: SourceMapped, known: Mapping[str, SourceMapped]) -> SourceMapped:
+    """The document with all references replaced; inserted values keep their places.
 
-    Raises InputError if a name is not known, or a map or list stands within a longer text.
+    Raises InputError if a name is unknown, or a reference to a map or list is part of a text.
     """
-    places = dict(given.places)
-    return SourceMapped(_replaced(given, given.value, (), known, places), given.source, places)
+    places = dict(document.places)
+    return SourceMapped(
+        _replaced(document, document.value, (), known, places), document.source, places
+    )
 
 
 def _replaced(
-    given: SourceMapped,
+    document: SourceMapped,
     value: Any,
     path: KeyPath,
     known: Mapping[str, SourceMapped],
     places: dict[KeyPath, str],
 ) -> Any:
     if isinstance(value, dict):
-        return {k: _replaced(given, v, (*path, k), known, places) for k, v in value.items()}
+        return {k: _replaced(document, v, (*path, k), known, places) for k, v in value.items()}
     if isinstance(value, list):
-        return [_replaced(given, v, (*path, i), known, places) for i, v in enumerate(value)]
+        return [_replaced(document, v, (*path, i), known, places) for i, v in enumerate(value)]
     if not isinstance(value, str):
         return value
     if whole := _REFERENCE.fullmatch(value):
-        found = _look_up(given, whole[1], path, known)
-        places.update({(*path, *key): at for key, at in found.places.items()})
-        if () not in found.places and found.source:
-            places[path] = found.source
-        return found.value
+        inserted = _look_up(document, whole[1], path, known)
+        places.update({(*path, *key): at for key, at in inserted.places.items()})
+        if () not in inserted.places and inserted.source:
+            places[path] = inserted.source
+        return inserted.value
 
     def as_text(match: re.Match[str]) -> str:
-        word = _look_up(given, match[1], path, known).value
+        word = _look_up(document, match[1], path, known).value
         if isinstance(word, (dict, list, tuple, bytes)):
-            raise given.error(path, f"$({match[1]}) is more than a word; it must stand alone")
+            raise document.error(path, f"$({match[1]}) is more than a word; it must stand alone")
         return str(word)
 
     return _REFERENCE.sub(as_text, value)
 
 
 def _look_up(
-    given: SourceMapped, name: str, path: KeyPath, known: Mapping[str, SourceMapped]
+    document: SourceMapped, name: str, path: KeyPath, known: Mapping[str, SourceMapped]
 ) -> SourceMapped:
     first, *rest = name.split(".")
     if first not in known:
-        raise given.error(path, f"$({name}) is not known; {hint(first, known)}")
-    found = known[first]
+        raise document.error(path, f"$({name}) is not known; {hint(first, known)}")
+    value = known[first]
     for key in rest:
-        keys = found.value if isinstance(found.value, Mapping) else ()
+        keys = value.value if isinstance(value.value, Mapping) else ()
         if key not in keys:
-            raise given.error(path, f"$({name}): there is no {key!r}; {hint(key, keys)}")
-        found = found.part((key,))
-    return found
+            raise document.error(path, f"$({name}): there is no {key!r}; {hint(key, keys)}")
+        value = value.part((key,))
+    return value

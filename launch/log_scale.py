@@ -1,4 +1,4 @@
-"""Log scales: their ends and their round ticks, the same in text and in charts."""
+"""Log scales: their ends and their round ticks, shared by text and charts."""
 
 from __future__ import annotations
 
@@ -6,11 +6,8 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
-MIN_VALUE = 1e-9  # smaller values are drawn here, in any unit
-MIN_SPAN = 1.5  # highest over lowest value of a scale
-FREE_ENDS = 1.12  # factor between the extreme values and the ends of their scale
-MIN_TICK_GAP = 0.6  # of the mean distance of the largest number of ticks
-STEPS = ((1.0,), (1.0, 3.0), (1.0, 2.0, 5.0), (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0),
+MIN_VALUE = 1e-9  # smaller values, which may be 0, are drawn here, in any unit
+TICK_STEPS = ((1.0,), (1.0, 3.0), (1.0, 2.0, 5.0), (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0),
          tuple(n / 2.0 for n in range(2, 20)))  # fmt: skip
 
 
@@ -21,28 +18,35 @@ class LogScale(NamedTuple):
     high: float
 
     def share(self, value: float) -> float:
-        """Where a value lies: 0 at the low end, 1 at the high one."""
+        """Position of a value: 0 at the low end, 1 at the high end."""
         return math.log(max(value, MIN_VALUE) / self.low) / math.log(self.high / self.low)
 
-    def ticks(self, most: int) -> list[float]:
-        """As many round values as there may be, none too near to its neighbour."""
+    def ticks(self, max_ticks: int, min_gap: float = 0.6) -> list[float]:
+        """At most `max_ticks` round values.
+
+        Neighbours are at least `min_gap` apart, as a fraction of the scale over `max_ticks`.
+        """
         powers = range(math.floor(math.log10(self.low)), math.ceil(math.log10(self.high)) + 1)
         best: list[float] = []
-        for steps in STEPS:
-            found = [step * 10.0**power for power in powers for step in steps]
-            found = [value for value in found if self.low <= value <= self.high]
-            if steps == STEPS[0]:
-                best = found[:: math.ceil(len(found) / most) or 1]
-            best = found if len(best) < len(found) <= most else best
+        for steps in TICK_STEPS:
+            ticks = [step * 10.0**power for power in powers for step in steps]
+            ticks = [value for value in ticks if self.low <= value <= self.high]
+            if steps == TICK_STEPS[0]:
+                best = ticks[:: math.ceil(len(ticks) / max_ticks) or 1]
+            best = ticks if len(best) < len(ticks) <= max_ticks else best
         kept: list[float] = []
         for value in best:
-            if not kept or self.share(value) - self.share(kept[-1]) >= MIN_TICK_GAP / most:
+            if not kept or self.share(value) - self.share(kept[-1]) >= min_gap / max_ticks:
                 kept.append(value)
         return kept
 
 
-def log_scale(values: Sequence[float]) -> LogScale:
-    """The scale on which all values have room."""
+def log_scale(values: Sequence[float], min_ratio: float = 1.5, margin: float = 1.12) -> LogScale:
+    """A scale that contains all values.
+
+    The extreme values differ by a factor of at least `min_ratio`, and lie a factor `margin` inside
+    the ends of the scale.
+    """
     low, high = (max(MIN_VALUE, pick(values)) for pick in (min, max))
-    widen = math.sqrt(max(MIN_SPAN / (high / low), 1.0)) * FREE_ENDS
-    return LogScale(low / widen, high * widen)
+    widening = math.sqrt(max(min_ratio / (high / low), 1.0)) * margin
+    return LogScale(low / widening, high * widening)

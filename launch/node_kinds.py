@@ -1,6 +1,7 @@
-"""One node as a launch file describes it, and the kinds of node that there are.
+"""Descriptions of nodes in a launch file, and the kinds of nodes.
 
-A user's own modules are found where Python looks, and where palpate is started. Imports little.
+A user's own modules may be anywhere on Python's path, or in the folder in which palpate is started.
+This module imports little.
 """
 
 from __future__ import annotations
@@ -21,65 +22,65 @@ from palpate.launch.files.source_map import InputError, KeyPath, SourceMapped, h
 if TYPE_CHECKING:
     from palpate.nodes.runtime.node import AnyNode, OnExit
 
-INPUTS = "inputs"  # Folder in that of a run: the meshes and modules that it was made with
-KINDS = "palpate.nodes"  # A kind without a dot is a module of this package
+INPUTS = "inputs"  # folder in a run directory: meshes and modules that the run uses
+KINDS = "palpate.nodes"  # a kind without a dot is a module of this package
 _FINGER = re.compile(r"finger_([1-9])")
-NODE_ATTRIBUTES = ("NODE", "SOURCE", "SINK")  # What a module may hold a node as
+NODE_ATTRIBUTES = ("NODE", "SOURCE", "SINK")  # names of a node in its module
 _HOLDS_NODE = re.compile(rf"^({'|'.join(NODE_ATTRIBUTES)})\b.*=", re.MULTILINE)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Entry:
-    """A node's name, kind, parameters and place, not yet checked."""
+    """The name, kind, parameters and place of a node, unchecked."""
 
-    name: str  # Name in the graph: lower case, digits and ``_``
-    # A module of ``palpate.nodes``, ``module:NODE`` (or SINK, SOURCE) or a dotted module of one's
-    # own; the name if empty.
+    name: str  # in the graph: lower case, digits and ``_``
+    # A module of ``palpate.nodes``, ``module:NODE`` (or SINK, SOURCE) or a user's dotted module;
+    # the name if empty.
     kind: str = ""
-    params: Any = field(default_factory=dict)  # Map of plain values, or the node's own parameters
-    # Topic as the node calls it, to the topic on the wire; a namespace does not touch it.
+    params: Any = field(default_factory=dict)  # map of plain values, or the node's own parameters
+    # Topics on the wire by the node's names of topics; the namespace does not change them.
     remap: Mapping[str, str] = field(default_factory=dict)
-    # Put before the node's topics: ``finger_1`` makes ``/finger_1/touch/raw``, except of those that
-    # the node shares with the other fingers'.
+    # Prefix of the node's topics: ``finger_1`` gives ``/finger_1/touch/raw``, except of topics that
+    # the nodes of all fingers share.
     namespace: str = ""
-    host: str = ""  # Machine on which it runs, ``192.168.1.5`` or ``lab2:7447``; empty for this
-    nice: int = 0  # How far its process stands back when the processor is busy, from 0 to 19
-    on_exit: OnExit = "restart"  # When its process dies: start it again, stop, or go on without it
+    host: str = ""  # machine on which it runs, ``192.168.1.5`` or ``lab2:7447``; empty: this one
+    nice: int = 0  # of its process, 0 to 19: larger values leave the processor to others
+    on_exit: OnExit = "restart"  # if its process dies: restart, stop the run, or ignore it
     source: str = ""  # ``file:line`` of the description
-    # ``file:line``, or the option, of single parameters.
+    # ``file:line`` or option of single parameters.
     places: Mapping[KeyPath, str] = field(default_factory=dict)
 
     @property
     def module(self) -> str:
-        """Module that holds the node."""
+        """Module of the node."""
         kind = self.kind or self.name
         own, mark, _ = kind.partition(":")
         return own if mark or "." in own else f"{KINDS}.{kind}"
 
     @property
     def finger(self) -> int:
-        """The finger in whose namespace it stands; 0 if in none."""
-        found = _FINGER.fullmatch(self.namespace)
-        return int(found[1]) if found else 0
+        """Number of the finger of its namespace; 0 if it has no finger."""
+        match = _FINGER.fullmatch(self.namespace)
+        return int(match[1]) if match else 0
 
     @property
     def group(self) -> str:
-        """What it and its like of the other fingers are called together."""
+        """Common name of this node and those of other fingers."""
         return self.name.removesuffix(f"_{self.finger}") if self.finger else self.name
 
     @property
     def settings(self) -> SourceMapped:
-        """The parameters, each with the place at which it was set."""
+        """The parameters, each with its source."""
         return SourceMapped(self.params, self.source, self.places)
 
     def error(self, text: str) -> InputError:
-        """A complaint about this node."""
+        """An error about this node."""
         place = f"{self.source}: " if self.source else ""
         return InputError(f"{place}node {self.name!r}: {text}")
 
 
 def list_kinds() -> tuple[str, ...]:
-    """Names of the nodes that palpate has, found without importing one."""
+    """Names of palpate's nodes, without importing them."""
     names = (module.name for module in pkgutil.iter_modules(palpate.nodes.__path__))
     return tuple(sorted(name for name in names if _holds_node(f"{KINDS}.{name}")))
 
@@ -92,15 +93,15 @@ def _holds_node(module: str) -> bool:
 
 
 def load_entry(entry: Entry) -> AnyNode:
-    """The node that an entry asks for.
+    """The node of an entry.
 
-    Raises InputError if there is no such kind, or its module holds no node, or cannot be imported.
+    Raises InputError if there is no such kind, or its module has no node or cannot be imported.
     """
-    from palpate.nodes.runtime.node import load_node  # takes long: launch files need it not
+    from palpate.nodes.runtime.node import load_node  # imported late: reading needs it not
 
     kind = entry.kind or entry.name
-    _, mark, held = kind.partition(":")
-    if mark and held not in NODE_ATTRIBUTES:
+    _, mark, attribute = kind.partition(":")
+    if mark and attribute not in NODE_ATTRIBUTES:
         raise entry.error(f"kind is {kind!r}; a module of one's own is named as module:NODE")
     search_current_folder(kind)
     try:
@@ -110,50 +111,50 @@ def load_entry(entry: Entry) -> AnyNode:
             raise entry.error(str(error)) from None
         known = hint(kind, list_kinds())
         raise entry.error(f"there is no kind of node {kind!r}; {known}") from None
-    except Exception as error:  # a module of one's own may break in any way
+    except Exception as error:  # a user's own module may raise anything
         raise entry.error(f"module {entry.module!r} breaks: {told_error(error)}") from None
-    if mark and getattr(sys.modules[entry.module], held, None) is not node:
-        raise entry.error(f"module {entry.module!r} holds no {held}")
+    if mark and getattr(sys.modules[entry.module], attribute, None) is not node:
+        raise entry.error(f"module {entry.module!r} holds no {attribute}")
     return node
 
 
 def search_inputs(folder: Path) -> None:
-    """Have modules that a run was made with looked for in its folder, too, after all others."""
-    inputs = str((folder / INPUTS).resolve())  # the link ``latest`` moves on
+    """Append the modules in the folder of a run to Python's path."""
+    inputs = str((folder / INPUTS).resolve())  # the link ``latest`` may change
     if Path(inputs).is_dir() and inputs not in sys.path:
         sys.path.append(inputs)
 
 
 def own_modules(names: Iterable[str]) -> dict[str, Path]:
-    """Files of imported modules of the user's own, by their places in a folder of modules.
+    """Files of the user's own imported modules, by their relative paths.
 
-    `names`: dotted, with or without ``:Class``. Own are those that are neither of palpate nor
-    installed; what they have imported from the folder in which they were found goes with them.
+    `names`: dotted, with or without ``:Class``. A user's own modules are neither of palpate nor
+    installed. Modules that they have imported from their own folder are included.
     """
-    named = [_own_file(name.partition(":")[0]) for name in names]
-    folders = {folder for folder, _ in filter(None, named)}
+    files = [_own_file(name.partition(":")[0]) for name in names]
+    folders = {folder for folder, _ in filter(None, files)}
     if not folders:
         return {}
     imported = filter(None, map(_own_file, [*sys.modules]))
-    return {str(place): folder / place for folder, place in imported if folder in folders}
+    return {str(path): folder / path for folder, path in imported if folder in folders}
 
 
 def _own_file(name: str) -> tuple[Path, Path] | None:
-    """The folder in which an imported module was found, and its place there; None if not own."""
+    """Folder of an imported module and relative path of its file; None if not the user's own."""
     file = Path(getattr(sys.modules.get(name), "__file__", None) or "")
     installed = {"site-packages", "dist-packages"} & set(file.parts)
     if installed or name.partition(".")[0] == "palpate" or not file.is_file():
         return None
     parents = name.split(".") if file.stem == "__init__" else name.split(".")[:-1]
-    place = Path(*parents, file.name)
+    path = Path(*parents, file.name)
     folder = file.parents[len(parents)]
-    return (folder, place) if folder / place == file else None  # it may have been run by its path
+    return (folder, path) if folder / path == file else None  # it may have been run by its path
 
 
 def search_current_folder(name: str) -> None:
-    """Have the module of ``module:Class`` looked for in the current folder, too, after all others.
+    """Append the current folder to Python's path for the name ``module:Class``.
 
-    Processes that are started later inherit it.
+    Processes that are started later inherit the path.
     """
     here = str(Path.cwd())
     if ":" in name and here not in sys.path:

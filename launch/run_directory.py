@@ -1,4 +1,4 @@
-"""The folder of a run: what is written there, and the figures of `summary.json`."""
+"""The folder of a run: its files, and the figures of `summary.json`."""
 
 from __future__ import annotations
 
@@ -29,16 +29,18 @@ from palpate.messages.recording import free_bytes
 from palpate.messages.types import PlanDone, ProcedureResult, Score, ShapeModel
 from palpate.nodes.runtime.composed import Ending
 
-RUNS = Path(RUNS_FOLDER)  # Where run directories are made, unless the user wants another folder
-LATEST = "latest"  # Link to the last of them
-RECORDING = "topics.mcap"  # Name of the recording in a run directory
-MESH = "mesh.ply"  # Name of the solid, in m
-RESULT = "result.json"  # Name of what an exploratory procedure found
-SUMMARY = "summary.json"  # Name of the figures
-COST_PICTURE = "cost.svg"  # Name of the picture of what accuracy cost
+RUNS = Path(RUNS_FOLDER)  # parent of run directories, unless the user chooses another folder
+LATEST = "latest"  # link to the last run directory
+# Names of files in a run directory: the recording, the solid in m, the result of an exploratory
+# procedure, the figures, and the charts of what accuracy cost.
+RECORDING = "topics.mcap"
+MESH = "mesh.ply"
+RESULT = "result.json"
+SUMMARY = "summary.json"
+COST_PICTURE = "cost.svg"
 VERSIONED_PACKAGES = ("numpy", "scipy", "trimesh", "pyzmq", "msgspec", "mcap", "lz4")
 Summary = dict[str, Any]
-# Keys of `summary.json`, and the fields of a score that they hold.
+# Keys of `summary.json`, and the fields of a Score with their values.
 SCORE_FIELDS = {
     "chamfer_m": "chamfer",
     "rms_m": "rms",
@@ -50,14 +52,14 @@ SCORE_FIELDS = {
     "sampling_floor_m": "sampling_floor",
     "size_m": "size",
 }
-# Keys of `summary.json` for what was asked, by the names of limits.
+# Names of limits, and their keys in `summary.json`.
 _LIMIT_KEYS = {
     "tolerance": "tolerance_m",
     "feature": "feature_m",
     "unknown_share": "unknown_share",
     "underside_share": "underside_share",
 }
-# The same of what nobody touched, in a PlanDone, and of a node, in its status.
+# Keys of `summary.json`, and the fields of a PlanDone and of a NodeStatus with their values.
 OPEN_FIELDS = {
     "open_share": "open_share",
     "open_width_m": "open_width",
@@ -72,23 +74,23 @@ NODE_FIELDS |= {"cpu_s": "cpu"}
 
 @dataclass(frozen=True, slots=True)
 class RunDirectory:
-    """A folder of one's own, made when the run begins."""
+    """The folder of one run, made when the run begins."""
 
-    path: Path  # The folder
-    linked: bool  # Whether ``latest`` beside it shall point to it
+    path: Path
+    linked: bool  # whether the link ``latest`` beside it is to point to it
 
     def check_room(self, spare: int) -> None:
-        """Refuse a disk without the bytes that the recorder leaves free; nothing is made yet."""
-        there = next(path for path in (self.path, *self.path.absolute().parents) if path.exists())
-        left = free_bytes(there)
-        if left < spare:
+        """Raise InputError if fewer than `spare` bytes are free; nothing is made yet."""
+        parents = self.path, *self.path.absolute().parents
+        free = free_bytes(next(path for path in parents if path.exists()))
+        if free < spare:
             raise InputError(
-                f"{self.path}: only {left >> 20} MiB are free on its disk, and the recorder leaves "
+                f"{self.path}: only {free >> 20} MiB are free on its disk, and the recorder leaves "
                 f"{spare >> 20} free; make room, or leave it out with --no-record"
             )
 
     def create(self) -> None:
-        """Make the folder and show that it can be written; InputError if that is not possible."""
+        """Make the folder; InputError if it cannot be made or written."""
         try:
             self.path.mkdir(parents=True, exist_ok=True)
             probe = self.path / ".probe"
@@ -100,29 +102,29 @@ class RunDirectory:
             raise InputError(f"{self.path}: cannot be written: {error.strerror}") from None
 
     def write_text(self, name: str, text: str) -> None:
-        """Write a file whole or not at all."""
+        """Write a file, whole or not at all."""
         write_atomically({self.path / name: lambda part: part.write_text(text, encoding="utf-8")})
 
     def copy_inputs(self, inputs: Mapping[str, Path]) -> None:
-        """Copy the files that the run was made with, by their names in this folder."""
+        """Copy the input files of the run, by their names in this folder."""
         for name, file in inputs.items():
             (self.path / name).parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(file, self.path / name)
 
     def write_json(self, name: str, value: Mapping[str, Any]) -> None:
-        """Write a JSON file whole or not at all; infinity and NaN are refused."""
+        """Write a JSON file, whole or not at all; ValueError for infinity and NaN."""
         self.write_text(name, json.dumps(value, indent=2, allow_nan=False) + "\n")
 
     def write_result(self, result: ProcedureResult, recovered: Any) -> None:
-        """Write what an exploratory procedure found, and the model of its kind, as JSON."""
-        told = {"result": asdict(result)}
+        """Write the result of an exploratory procedure and its model as JSON."""
+        document = {"result": asdict(result)}
         if recovered is not None:
             fields = asdict(recovered).items()
-            told[type(recovered).__name__] = {name: _plain(value) for name, value in fields}
-        self.write_json(RESULT, told)
+            document[type(recovered).__name__] = {name: _plain(value) for name, value in fields}
+        self.write_json(RESULT, document)
 
     def write_summary(self, summary: Summary) -> None:
-        """Write the figures, and what accuracy cost as a picture."""
+        """Write the figures, and the charts of what accuracy cost."""
         self.write_json(SUMMARY, summary)
         from palpate.launch.cost_chart import cost_svg  # matplotlib takes long to import
 
@@ -143,17 +145,16 @@ def _link_latest(link: Path, target: str) -> None:
 def choose_run_directory(name: str, out: Path | None) -> RunDirectory:
     """The folder for a run of this name, not yet made: `out`, or a new one in ``runs/``.
 
-    Raises InputError if the folder that the user asks for holds something already, or its path is
-    no text, which nodes could not be told.
+    Raises InputError if `out` is a file or is not empty, or if its path cannot be encoded as text
+    for the nodes.
     """
-    whole = (RUNS if out is None else out).absolute()
+    parent = (RUNS if out is None else out).absolute()
     try:
-        str(whole).encode()
+        str(parent).encode()
     except UnicodeEncodeError:
         coding = sys.getfilesystemencoding().upper()
         raise InputError(
-            f"{whole}: its name is no text in {coding}, so that nodes could not be told where to "
-            "write; choose another folder"
+            f"{parent}: its name cannot be encoded in {coding} for the nodes; choose another folder"
         ) from None
     if out is None:
         stamp = time.strftime("%Y-%m-%dT%H-%M-%S")
@@ -166,7 +167,7 @@ def choose_run_directory(name: str, out: Path | None) -> RunDirectory:
 
 
 def free_path(path: Path) -> Path:
-    """The first free one of a path and those numbered after it: two may share a second."""
+    """`path`, or the first free one of those numbered after it: ``name-2``, ``name-3``."""
     number, free = 1, path
     while free.exists():
         number += 1
@@ -175,26 +176,26 @@ def free_path(path: Path) -> Path:
 
 
 def find_run_path(path: Path) -> Path:
-    """The run directory of the running graph that a name without a file means; else the path.
+    """The run directory of the running graph of this name; a path that exists is returned as is.
 
-    Raises InputError if several running graphs are called so.
+    Raises InputError if several running graphs have this name.
     """
     if path.exists() or path.suffix or path.parent != Path():
         return path
-    found = [card for card in running_graphs() if card.folder and card.is_called(path.name)]
-    if len(found) > 1:
-        known = ", ".join(f"{card.run[:6]} in {card.folder}" for card in found)
-        raise InputError(f"{path}: several running graphs are called so: {known}")
-    return Path(found[0].folder) if found else path
+    cards = [card for card in running_graphs() if card.folder and card.is_called(path.name)]
+    if len(cards) > 1:
+        known = ", ".join(f"{card.run[:6]} in {card.folder}" for card in cards)
+        raise InputError(f"{path}: several running graphs have this name: {known}")
+    return Path(cards[0].folder) if cards else path
 
 
 def run_directory_of(path: Path) -> Path:
-    """The folder in which a recording lies; any other path as it is."""
+    """The folder of a recording; any other path is returned as is."""
     return path.parent if path.suffix == Path(RECORDING).suffix and path.is_file() else path
 
 
 def find_run_mesh(path: Path) -> Path:
-    """The solid of a run, given its directory or its recording; another file is itself.
+    """The file of a run's solid, given its directory or recording; another file is returned as is.
 
     Raises InputError if there is no such file, or the run has no solid.
     """
@@ -209,7 +210,7 @@ def find_run_mesh(path: Path) -> Path:
 
 
 def find_bag(path: Path) -> Path:
-    """The recording's first file, given that or a run directory; InputError if there is none."""
+    """The recording, given its file or a run directory; InputError if there is none."""
     bag = path / RECORDING if path.is_dir() else path
     if bag.is_file():
         return bag
@@ -220,21 +221,21 @@ def find_bag(path: Path) -> Path:
 
 
 def read_summary(run: Path) -> Summary:
-    """The figures of a run, by its directory or recording; InputError if none can be read."""
+    """The figures of a run, given its directory or recording; InputError if they cannot be read."""
     path = run_directory_of(run) / SUMMARY
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))
+        summary = json.loads(path.read_text(encoding="utf-8"))
     except OSError:
         raise InputError(f"{run}: is no directory of a run: there is no {SUMMARY} in it") from None
     except (ValueError, RecursionError) as error:
         raise InputError(f"{path}: is no JSON: {error}") from None
-    if not isinstance(found, dict):
-        raise InputError(f"{path}: must hold a map, got {type(found).__name__}")
-    return found
+    if not isinstance(summary, dict):
+        raise InputError(f"{path}: must hold a map, got {type(summary).__name__}")
+    return summary
 
 
 def versions_text() -> str:
-    """Python and the packages that results and recordings depend on, in a line."""
+    """Versions of Python and of the packages on which results and recordings depend, in a line."""
     packages = (f"{name} {version(name)}" for name in VERSIONED_PACKAGES)
     return ", ".join((f"python {platform.python_version()}", *packages))
 
@@ -242,9 +243,7 @@ def versions_text() -> str:
 def summarise(ending: Ending, progress: Progress, scene: str | None, seed: int | None) -> Summary:
     """The figures of a run, ready for JSON."""
     model, done, score = progress.model, progress.done, progress.score
-    known = done or progress.estimate  # an interrupted run has but estimates
     compute = sum(status.cpu for status in ending.statuses.values()) or None
-    distances = {key: score and getattr(score, name) for key, name in SCORE_FIELDS.items()}
     verdict = _verdict(progress)
     summary = {
         "palpate": __version__,
@@ -253,38 +252,72 @@ def summarise(ending: Ending, progress: Progress, scene: str | None, seed: int |
         "procedure": _procedure(progress.procedure),
         "scene": scene,
         "seed": seed,
-        **distances,
+        **{key: score and getattr(score, name) for key, name in SCORE_FIELDS.items()},
         **_mesh_facts(model, score),
         "true_genus": _true_genus(score),
+        **_verdict_facts(progress, verdict),
+        **_model_facts(model, progress.turns),
+        **_cost_facts(progress, compute),
+        "mesh_sha256": mesh_sha256(model) if model is not None and len(model.faces) else None,
+        "final": model is not None and model.final,
+        **_graph_facts(ending),
+        "steps": time_by_step(ending.statuses),
+        "numerics": {} if model is None else dict(sorted(model.health.items())),
+        "curve": cost_curve(progress, compute),
+    }
+    has_result = (done or progress.procedure) is not None and ending.status == "finished"
+    return {**summary, "missed": missed_goals(summary) if has_result else []}
+
+
+def _verdict_facts(progress: Progress, verdict: Verdict) -> Summary:
+    """Bound, limits and whether each is met, and what is untouched."""
+    done = progress.done
+    known = done or progress.estimate  # an interrupted run has only estimates
+    met = (item.is_met for item in verdict.criteria if item.name == "error bound")
+    return {
         "rms_bound_95_m": _error_bound(progress),
         "tolerance_m": (done.limits if done else {}).get("tolerance", progress.tolerance),
-        "tolerance_met": next(
-            (one.is_met for one in verdict.criteria if one.name == "error bound"), None
-        ),
+        "tolerance_met": next(met, None),
         "limits": done and {_LIMIT_KEYS[key]: value for key, value in done.limits.items()},
-        "criteria": [{**one._asdict(), "is_met": one.is_met} for one in verdict.criteria],
+        "criteria": [{**item._asdict(), "is_met": item.is_met} for item in verdict.criteria],
         "reached": verdict.reached if done is not None else None,
         "largest_untouched_m": known and known.largest_untouched,
         **{key: done and _plain(getattr(done, name)) for key, name in OPEN_FIELDS.items()},
+    }
+
+
+def _model_facts(model: ShapeModel | None, turns: int) -> Summary:
+    """How the last model was made, and how the object lay."""
+    return {
         "method": model and model.method,
         "rejected": [] if model is None else list(model.rejected),
         "predicted_m": {} if model is None else dict(sorted(model.predicted.items())),
-        "turns": progress.turns,
+        "turns": turns,
         "placements": [] if model is None else model.placements.tolist(),
         "placement_errors_m": [] if model is None else model.placement_errors.tolist(),
         "placement_faults": [] if model is None else list(model.placement_faults),
+    }
+
+
+def _cost_facts(progress: Progress, compute: float | None) -> Summary:
+    """Counts of contours and touches, and times."""
+    return {
         "contacts": progress.contacts,
         "contours": progress.contours,
-        "contours_failed": progress.failed,
-        "uncovered_m": done and done.uncovered,
+        "contours_failed": progress.failed_contours,
+        "uncovered_m": progress.done and progress.done.uncovered,
         "touches": progress.touches,
         "robot_time_s": progress.robot_time,
         "ready_s": progress.ready,
         "wall_s": progress.wall,
         "compute_s": compute,
         "touches_per_s": progress.touches_per_s,
-        "mesh_sha256": mesh_sha256(model) if model is not None and len(model.faces) else None,
-        "final": model is not None and model.final,
+    }
+
+
+def _graph_facts(ending: Ending) -> Summary:
+    """Lost messages, restarts and the last counters of each node."""
+    return {
         "gaps": ending.gaps,
         "duplicates": ending.duplicates,
         "restarts": dict(ending.restarts),
@@ -292,16 +325,11 @@ def summarise(ending: Ending, progress: Progress, scene: str | None, seed: int |
             name: {key: getattr(status, field) for key, field in NODE_FIELDS.items()}
             for name, status in sorted(ending.statuses.items())
         },
-        "steps": time_by_step(ending.statuses),
-        "numerics": {} if model is None else dict(sorted(model.health.items())),
-        "curve": cost_curve(progress, compute),
     }
-    told = (done or progress.procedure) is not None and ending.status == "finished"
-    return {**summary, "missed": missed_goals(summary) if told else []}
 
 
 def _reason(ending: Ending, done: PlanDone | None, verdict: Verdict) -> str:
-    """Why the exploration was over, and then the run; planners know neither mesh nor truth."""
+    """Why the exploration ended, then why the run ended; planners know neither mesh nor truth."""
     if done is None:
         return ending.reason
     is_missed = done.reached and verdict.reached is False
@@ -310,7 +338,7 @@ def _reason(ending: Ending, done: PlanDone | None, verdict: Verdict) -> str:
 
 
 def _mesh_facts(model: ShapeModel | None, score: Score | None) -> dict[str, Any]:
-    """What kind of surface the last model's mesh is: as its reconstructor says, or as measured."""
+    """Closedness, genus and self-crossings of the mesh, from the reconstructor, else the score."""
     closed = genus = crossings = None
     if model is not None and model.closed is not None:
         closed, genus, crossings = model.closed, model.genus, model.self_crossings
@@ -320,15 +348,15 @@ def _mesh_facts(model: ShapeModel | None, score: Score | None) -> dict[str, Any]
 
 
 def _verdict(progress: Progress) -> Verdict:
-    """What was asked and reached, with what is known of the mesh and, in a simulation, the truth.
+    """The limits, judged with the mesh and, in a simulation, the truth.
 
-    Where no exploration has ended, nothing but the mesh is judged.
+    Before an exploration has ended, only the mesh is judged.
     """
     done, score, facts = progress.done, progress.score, _mesh_facts(progress.model, progress.score)
     known = {} if done is None else dict(done.findings)
     if "error_bound" in known:
         known["error_bound"] = _error_bound(progress) or 0.0
-    found = Findings(
+    findings = Findings(
         **known,
         true_error=None if score is None else score.rms,
         closed=facts["watertight"],
@@ -336,11 +364,11 @@ def _verdict(progress: Progress) -> Verdict:
         genus=facts["genus"],
         true_genus=_true_genus(score),
     )
-    return judge(found, Limits() if done is None else Limits(**done.limits))
+    return judge(findings, Limits() if done is None else Limits(**done.limits))
 
 
 def _error_bound(progress: Progress) -> float | None:
-    """What was stated of the solid, and at least what touches show the last model to lack [m]."""
+    """The stated error bound, or the largest part that the last model lacks, if larger [m]."""
     known = progress.done or progress.estimate
     if known is None or known.rms_bound_95 is None:
         return None
@@ -351,19 +379,19 @@ def _true_genus(score: Score | None) -> int | None:
     return score.true_genus if score is not None and score.true_genus >= 0 else None
 
 
-def _procedure(found: ProcedureResult | None) -> dict[str, Any] | None:
-    """What an exploratory procedure found; None of an exploration in slices."""
-    if found is None:
+def _procedure(result: ProcedureResult | None) -> dict[str, Any] | None:
+    """The result of an exploratory procedure; None if there was none."""
+    if result is None:
         return None
-    told = {"name": found.procedure, "status": found.status, "reason": found.reason}
-    return {**told, **dict(sorted(found.figures.items()))}
+    facts = {"name": result.procedure, "status": result.status, "reason": result.reason}
+    return {**facts, **dict(sorted(result.figures.items()))}
 
 
 def exit_code(summary: Mapping[str, Any], *, rebuilds: bool) -> int:
-    """0 done, 1 the goal was missed, 3 a node died or all stood still, 130 interrupted.
+    """0 done, 1 the goal was missed, 3 a node died or all nodes stalled, 130 interrupted.
 
-    The goal is missed where a limit is not kept, whatever the budget that ended the run; and where
-    it rebuilds, without a final model.
+    The goal is missed if a limit is not met, even where a budget ended the run; and if the run
+    `rebuilds` a solid and has no final model.
     """
     if summary["status"] == "interrupted":
         return 130
@@ -373,14 +401,14 @@ def exit_code(summary: Mapping[str, Any], *, rebuilds: bool) -> int:
 
 
 def missed_goals(summary: Mapping[str, Any], *, rebuilds: bool = True) -> list[str]:
-    """What a finished run was to reach and has not, in words: the limits that are not kept."""
+    """What a finished run has missed, in words: limits, and the solid if it `rebuilds` one."""
     procedure = summary.get("procedure")
-    if procedure is not None:  # it says itself what it was to find
-        done = procedure["status"] == "done"
-        return [] if done else [f"{procedure['status']}: {procedure['reason']}"]
-    found = []
+    if procedure is not None:  # it judges itself
+        is_done = procedure["status"] == "done"
+        return [] if is_done else [f"{procedure['status']}: {procedure['reason']}"]
+    missed = []
     if rebuilds and not summary["final"]:
-        found.append("there is no final model")
+        missed.append("there is no final model")
     elif rebuilds and summary["mesh_sha256"] is None:
-        found.append("there is no solid")
-    return found + criteria_texts(summary, met=False)
+        missed.append("there is no solid")
+    return missed + criteria_texts(summary, met=False)

@@ -1,7 +1,7 @@
-"""A scene: object, sensor, effects, planner and world, from a YAML file.
+"""Scenes: object, sensor, effects, planner and world, from a YAML file.
 
-Loading checks everything that can be wrong with it; a scene that loads can be explored. Also the
-calibration that it may name, as `palpate calibrate` writes it.
+A scene is checked completely when it is loaded, so that it can be explored. A scene may name a
+calibration, which `palpate calibrate` writes.
 """
 
 from __future__ import annotations
@@ -40,20 +40,17 @@ from palpate.nodes.specs.primitives import Length
 from palpate.nodes.specs.sensors import CalibrationSpec, EffectSpecs, SensorSpec, build_pipeline
 from palpate.reprs import readable
 
-LEAST_SLICED, LEAST_TOUCHED = 5.0e-3, 2.0e-3  # Smallest extents of objects in slices, or not, m
-SHIPPED_SCENES = Path(__file__).parent / "scenes"  # Folder of the scenes that come with palpate
-MESH, CALIBRATION = ("object", "mesh", "file"), ("sensor", "calibration")  # Keys of files
-DIGITS = 6  # Significant digits of what is written: far more than any of it is sure of
-MAX_CALIBRATION_VALUES = 20_000  # Four tables of 64 by 64, and what belongs to them
+SHIPPED_SCENES = Path(__file__).parent / "scenes"  # folder of the scenes that come with palpate
+MESH, CALIBRATION = ("object", "mesh", "file"), ("sensor", "calibration")  # keys of file names
+MAX_CALIBRATION_VALUES = 20_000  # of a file: four tables of 64 by 64, and single values
 
 
 class WorldSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What a robot knows before it touches anything."""
+    """The reach of the finger, and the speeds of the robot."""
 
-    # The finger reaches this far sideways from the axis and up from the platform on which the
-    # object stands, m; as far as the object asks for if left out.
+    # Reach sideways from the axis and upwards from the platform [m]; fitted to the object if None.
     reach: Length | None = None
-    robot: str = "modern"  # Preset of the robot's speeds: modern or puma
+    robot: str = "modern"  # preset of the robot's speeds: modern or puma
 
     def __post_init__(self) -> None:
         if self.robot not in ROBOT_PRESETS:
@@ -61,14 +58,14 @@ class WorldSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 
 class SceneSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Everything that a scene file may hold."""
+    """All keys of a scene file."""
 
-    object: ObjectSpec  # What stands there
-    sensor: SensorSpec = SensorSpec()  # What touches it
-    world: WorldSpec = WorldSpec()  # Where
-    effects: EffectSpecs = {}  # What disturbs the sensor; in the file a list, here by name
-    explore: dict[str, Any] = {}  # Parameters of the planner
-    seed: Seed = 0  # Seed of all that is random
+    object: ObjectSpec
+    sensor: SensorSpec = SensorSpec()
+    world: WorldSpec = WorldSpec()
+    effects: EffectSpecs = {}  # disturbances of the sensor by name; in the file a list
+    explore: dict[str, Any] = {}  # parameters of the planner
+    seed: Seed = 0  # of all random numbers
 
 
 @readable
@@ -76,15 +73,15 @@ class SceneSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 class Scene:
     """A checked scene."""
 
-    name: str  # The file's name without its suffix; what cannot be seen in it is ``_``
-    path: Path  # The file
-    text: str  # The file's text
-    spec: SceneSpec  # What it holds, with defaults filled in and the mesh read
-    located: SourceMapped  # The same as plain values, with file and line
-    size: tuple[float, float, float]  # Extents of the object along x, y and z, to 0.1 mm or so, m
-    # Files that it names, by their places in the folder of a run; there `text` finds them.
+    name: str  # of the file without its suffix; invisible characters are ``_``
+    path: Path  # of the file
+    text: str  # of the file
+    spec: SceneSpec  # its contents, with defaults filled in and the mesh read
+    located: SourceMapped  # the same as plain values, with file and line
+    size: tuple[float, float, float]  # extents of the object along x, y, z, to about 0.1 mm [m]
+    # Files that it names, by their paths in the folder of a run, as `text` names them.
     inputs: Mapping[str, Path] = field(default_factory=dict)
-    told: str = ""  # A sentence on what was guessed and mended of its mesh; empty if nothing was
+    mesh_notes: str = ""  # what was guessed and repaired of its mesh; empty if nothing
 
 
 def load_scene(
@@ -93,148 +90,155 @@ def load_scene(
     *,
     untrusted: bool = False,
 ) -> Scene:
-    """The scene in a YAML file, given by its path, or one that comes with palpate, by name.
+    """The scene in a YAML file, given by its path, or a scene that comes with palpate, by name.
 
-    A mesh file is a scene in which nothing but its solid stands.
-    `changes` are values in place of the file's, by their paths; of an effect it is that of its
-    parameters, ``effects.gaussian_noise.sigma``. A scene below the current folder or that of the
-    user may name any file; one from elsewhere, or an `untrusted` one, only those below its own
-    folder, and an untrusted one no program. Raises InputError, which names file, line, key, value
-    and what would be right.
+    A mesh file is a scene that contains only its solid. `changes` replace values of the file by
+    their paths; effects are named in them, as ``effects.gaussian_noise.sigma``. A scene below the
+    current folder or the user's home may name any file; a scene from elsewhere, or an `untrusted`
+    one, only files below its own folder, and an untrusted one no program. Raises InputError with
+    file, line, key, value and what would be right.
     """
     path = find_scene(name)
     search_inputs(path.parent)
     is_mesh = is_mesh_file(path)
     own_name = plain_name(path.name)
-    alone = SourceMapped({"object": {"mesh": {"file": own_name}}}, str(path))
-    given = alone if is_mesh else read_yaml(path)
+    mesh_alone = SourceMapped({"object": {"mesh": {"file": own_name}}}, str(path))
+    document = mesh_alone if is_mesh else read_yaml(path)
     for key, value in changes.items():
-        given = _changed(given, key, value)
+        document = _changed(document, key, value)
     if untrusted:
-        _refuse_programs(given)
+        _refuse_programs(document)
     folder = path.resolve().parent
-    own = not untrusted and any(map(folder.is_relative_to, (Path.cwd(), Path.home())))
-    named = _named_files(given, folder, confined=not (own or is_mesh))
-    if is_mesh and MESH in named and given.part(MESH).value == own_name:
-        named[MESH] = path.resolve()  # whatever it is called
-    inputs = {f"{INPUTS}/{plain_name(one.name)}": one for one in named.values()}
+    is_own = not untrusted and any(map(folder.is_relative_to, (Path.cwd(), Path.home())))
+    named = _named_files(document, folder, confined=not (is_own or is_mesh))
+    if is_mesh and MESH in named and document.part(MESH).value == own_name:
+        named[MESH] = path.resolve()  # also where its name is not plain
+    inputs = {f"{INPUTS}/{plain_name(file.name)}": file for file in named.values()}
     text = path.read_text(encoding="utf-8") if not is_mesh else ""
     if changes or inputs:
-        text = yaml_text(_moved_files(given, named).value)
-    given, told = _with_mesh(given, path, named)
-    given = with_effects(_with_planner(given))
-    given = with_calibration(given, named.get(CALIBRATION))
-    check_planner(given)
-    spec = convert(given, SceneSpec)
+        text = yaml_text(_moved_files(document, named).value)
+    document, mesh_notes = _with_mesh(document, path, named)
+    document = with_effects(_with_planner(document))
+    document = with_calibration(document, named.get(CALIBRATION))
+    check_planner(document)
+    spec = convert(document, SceneSpec)
     if spec.world.reach is None:
         reach = fitted_reach(spec.object)
         spec = structs.replace(spec, world=structs.replace(spec.world, reach=reach))
-    located = SourceMapped(to_builtins(spec, builtin_types=(bytes,)), given.source, given.places)
+    located = SourceMapped(
+        to_builtins(spec, builtin_types=(bytes,)), document.source, document.places
+    )
     _check_finger(spec, located)
     size = _check_reach(spec, located)
     name = plain_name(path.stem)
-    return Scene(name, path, text, spec, located, size, inputs, told)
+    return Scene(name, path, text, spec, located, size, inputs, mesh_notes)
 
 
-def _refuse_programs(given: SourceMapped) -> None:
-    """InputError if a scene names a module, which is a program."""
-    listed, explore = given.value.get("effects"), given.value.get("explore")
+def _refuse_programs(document: SourceMapped) -> None:
+    """Raise InputError if a scene names a module, which is a program."""
+    listed, explore = document.value.get("effects"), document.value.get("explore")
     named: dict[KeyPath, Any] = {}
     if isinstance(listed, list):
-        named = {("effects", i): one for i, one in enumerate(listed)}
+        named = {("effects", i): entry for i, entry in enumerate(listed)}
     if isinstance(explore, dict):
         named["explore", "planner"] = explore.get("planner")
-    for key, one in named.items():
-        name = next(iter(one), "") if isinstance(one, dict) else one
+    for key, entry in named.items():
+        name = next(iter(entry), "") if isinstance(entry, dict) else entry
         if isinstance(name, str) and ":" in name:
-            raise given.error(key, f"{name!r} is a program, which an untrusted scene may not name")
+            raise document.error(
+                key, f"{name!r} is a program, which an untrusted scene may not name"
+            )
 
 
-def _named_files(given: SourceMapped, folder: Path, *, confined: bool) -> dict[KeyPath, Path]:
-    """The files that a scene names, by the keys that hold their names."""
-    found: dict[KeyPath, Path] = {}
+def _named_files(document: SourceMapped, folder: Path, *, confined: bool) -> dict[KeyPath, Path]:
+    """The files that a scene names, by the keys of their names."""
+    files: dict[KeyPath, Path] = {}
     keys: tuple[KeyPath, ...] = (MESH, CALIBRATION)
     for key in keys:
         name = None
         with suppress(KeyError, TypeError):
-            name = given.part(key).value
+            name = document.part(key).value
         if name is None:
             continue
-        what = path_text(key)
+        label = path_text(key)
         if not isinstance(name, str):
-            raise given.error(key, f"{what} must be the name of a file")
+            raise document.error(key, f"{label} must be the name of a file")
         try:
-            found[key] = file_within(folder, name, what, confined=confined)
+            files[key] = file_within(folder, name, label, confined=confined)
         except ValueError as error:
-            raise given.error(key, str(error)) from None
-    return found
+            raise document.error(key, str(error)) from None
+    return files
 
 
-def _moved_files(given: SourceMapped, named: Mapping[KeyPath, Path]) -> SourceMapped:
-    """The scene as it stands in the folder of a run, with the files that it names."""
+def _moved_files(document: SourceMapped, named: Mapping[KeyPath, Path]) -> SourceMapped:
+    """The scene with the names that its files have in the folder of a run."""
     for key, path in named.items():
         place = SourceMapped(f"{INPUTS}/{plain_name(path.name)}", "")
-        given = replace(given, value=set_within(given.value, key, place))
-    return given
+        document = replace(document, value=set_within(document.value, key, place))
+    return document
 
 
-def _changed(given: SourceMapped, path: KeyPath, value: SourceMapped) -> SourceMapped:
-    """The document with another value at a path; an effect that is not listed is added."""
-    listed = given.value.get("effects") or []
+def _changed(document: SourceMapped, path: KeyPath, value: SourceMapped) -> SourceMapped:
+    """The scene with another value at a path; an effect that is not listed is added."""
+    listed = document.value.get("effects") or []
     if path[0] == "effects" and isinstance(path[-1], str) and len(path) > 1:
-        names = [next(iter(one)) if isinstance(one, Mapping) and one else one for one in listed]
-        at = names.index(path[1]) if path[1] in names else len(names)
-        kept = {} if at == len(names) or isinstance(listed[at], str) else listed[at]
-        effects = [*listed[:at], kept or {path[1]: {}}, *listed[at + 1 :]]
-        given = replace(given, value={**given.value, "effects": effects})
-        path = ("effects", at, *path[1:])
+        names = [next(iter(e)) if isinstance(e, Mapping) and e else e for e in listed]
+        i = names.index(path[1]) if path[1] in names else len(names)
+        entry = {} if i == len(names) or isinstance(listed[i], str) else listed[i]
+        effects = [*listed[:i], entry or {path[1]: {}}, *listed[i + 1 :]]
+        document = replace(document, value={**document.value, "effects": effects})
+        path = ("effects", i, *path[1:])
     places = {path[:end]: value.source for end in range(1, len(path))}
     places |= {(*path, *inner): place for inner, place in value.places.items()}
-    changed = set_within(given.value, path, value, "the scene")
-    return SourceMapped(changed, given.source, {**places, **given.places, path: value.source})
+    changed = set_within(document.value, path, value, "the scene")
+    return SourceMapped(changed, document.source, {**places, **document.places, path: value.source})
 
 
-def with_effects(given: SourceMapped) -> SourceMapped:
-    """The scene with its list of effects made into a map from name to parameters.
+def with_effects(document: SourceMapped) -> SourceMapped:
+    """The scene with a map of effects, from name to parameters, in place of their list.
 
-    An entry is a name, or a map from the name to the parameters. A user's own effect is named
-    ``module:Class``; the module is looked for in the current folder as well. Raises InputError if
-    the list is none, an effect is unknown or listed twice, or a parameter is unknown, of the wrong
-    type, or out of its range.
+    An entry of the list is a name, or a map from the name to the parameters. A user's own effect is
+    named ``module:Class``; the module may be in the current folder. Raises InputError if `effects`
+    is no list, an effect is unknown or listed twice, or a parameter is unknown, of the wrong type,
+    or out of its range.
     """
-    listed = given.value.get("effects")
-    if listed is None:  # the key is not there, or nothing stands behind it
-        kept = {key: value for key, value in given.value.items() if key != "effects"}
-        return replace(given, value=kept)
+    listed = document.value.get("effects")
+    if listed is None:  # the key is missing or empty
+        rest = {key: value for key, value in document.value.items() if key != "effects"}
+        return replace(document, value=rest)
     if not isinstance(listed, list):
-        raise given.error(("effects",), "effects must be a list: - gaussian_noise: {sigma: 1e-5}")
+        raise document.error(
+            ("effects",), "effects must be a list: - gaussian_noise: {sigma: 1e-5}"
+        )
     effects: dict[str, Any] = {}
     kinds: dict[type, str] = {}
-    places = dict(given.places)
+    places = dict(document.places)
     for i, entry in enumerate(listed):
-        name, parameters = _listed_effect(given, i, entry)
+        name, parameters = _listed_effect(document, i, entry)
         if name in effects:
-            raise given.error(("effects", i), f"effects lists {name!r} twice; list it once")
-        where: KeyPath = ("effects", i, name) if isinstance(entry, Mapping) else ("effects", i)
-        part = replace(given.part(where), value=parameters)
+            raise document.error(("effects", i), f"effects lists {name!r} twice; list it once")
+        key: KeyPath = ("effects", i, name) if isinstance(entry, Mapping) else ("effects", i)
+        part = replace(document.part(key), value=parameters)
         kind = _checked_effect(part, name)
         if kind in kinds:
-            raise given.error(("effects", i), f"{name!r} and {kinds[kind]!r} are the same effect")
+            raise document.error(
+                ("effects", i), f"{name!r} and {kinds[kind]!r} are the same effect"
+            )
         kinds[kind] = name
         effects[name] = parameters
-        places.update({("effects", name, *key): at for key, at in part.places.items()})
+        places.update({("effects", name, *inner): at for inner, at in part.places.items()})
         places["effects", name] = part.source
-    return replace(given, value={**given.value, "effects": effects}, places=places)
+    return replace(document, value={**document.value, "effects": effects}, places=places)
 
 
-def _listed_effect(given: SourceMapped, i: int, entry: Any) -> tuple[str, dict[str, Any]]:
+def _listed_effect(document: SourceMapped, i: int, entry: Any) -> tuple[str, dict[str, Any]]:
     if isinstance(entry, str):
         return entry, {}
     if isinstance(entry, Mapping) and len(entry) == 1:
         name, parameters = next(iter(entry.items()))
         if isinstance(name, str) and (parameters is None or isinstance(parameters, Mapping)):
             return name, dict(parameters or {})
-    raise given.error(
+    raise document.error(
         ("effects", i),
         f"effects[{i}] must be one effect and its parameters: - gaussian_noise: {{sigma: 1e-5}}",
     )
@@ -255,77 +259,77 @@ def _checked_effect(parameters: SourceMapped, name: str) -> type[Effect]:
 
 
 def _with_mesh(
-    given: SourceMapped, scene: Path, named: Mapping[KeyPath, Path]
+    document: SourceMapped, scene: Path, named: Mapping[KeyPath, Path]
 ) -> tuple[SourceMapped, str]:
-    """The scene with the mesh that it names read into it, and what is to be told of that.
+    """The scene with the mesh that it names, and notes on reading it.
 
-    A mesh without a pose that stands beside the axis is set on it.
+    A mesh without a pose that lies beside the axis is moved onto it.
     """
     try:
-        part = given.part(("object", "mesh"))
+        part = document.part(("object", "mesh"))
     except (KeyError, TypeError):
-        return given, ""
+        return document, ""
     mesh = convert(part, MeshFile, "object.mesh")
     path = named[MESH]
     try:
-        vertices, faces, told = read_mesh(path, mesh.unit, mesh.up, mesh.size)
+        vertices, faces, notes = read_mesh(path, mesh.unit, mesh.up, mesh.size)
     except ValueError as error:
-        if is_mesh_file(scene):  # the sentence names it already
+        if is_mesh_file(scene):  # the error names the file already
             raise
         raise part.error(("file",), str(error)) from None
     low, high = vertices.min(axis=0), vertices.max(axis=0)
-    if "pose" not in given.value["object"] and ((low > 0.0) | (high < 0.0))[:2].any():
+    if "pose" not in document.value["object"] and ((low > 0.0) | (high < 0.0))[:2].any():
         shift = 0.0 - np.array([*0.5 * (low + high)[:2], low[2]])
         vertices = vertices + shift
-        way = ", ".join(f"{1e3 * x:.4g}" for x in shift)
-        told = f"{told}; moved" if told else f"{path.name}: moved"
-        told += f" by {way} mm, from beside the axis onto it"
+        offset = ", ".join(f"{1e3 * x:.4g}" for x in shift)
+        notes = f"{notes}; moved" if notes else f"{path.name}: moved"
+        notes += f" by {offset} mm, from beside the axis onto it"
     data = to_builtins(encode_mesh(vertices, faces), builtin_types=(bytes,))
-    kept = {**given.value["object"], "mesh": data}
-    return replace(given, value={**given.value, "object": kept}), told
+    shape = {**document.value["object"], "mesh": data}
+    return replace(document, value={**document.value, "object": shape}), notes
 
 
-def _with_planner(given: SourceMapped) -> SourceMapped:
-    """The scene with a planner: slices of a mesh may be no simple curves, as those of a torus."""
-    explore, standing = given.value.get("explore", {}), given.value.get("object")
+def _with_planner(document: SourceMapped) -> SourceMapped:
+    """The scene with planner `touches` for a mesh or torus: its slices may be several curves."""
+    explore, shape = document.value.get("explore", {}), document.value.get("object")
     if not isinstance(explore, Mapping) or {"planner", "settings", "axis"} & set(explore):
-        return given
-    if not isinstance(standing, Mapping) or not {"mesh", "torus"} & set(standing):
-        return given
-    return replace(given, value={**given.value, "explore": {**explore, "planner": "touches"}})
+        return document
+    if not isinstance(shape, Mapping) or not {"mesh", "torus"} & set(shape):
+        return document
+    return replace(document, value={**document.value, "explore": {**explore, "planner": "touches"}})
 
 
-def with_calibration(given: SourceMapped, path: Path | None) -> SourceMapped:
-    """The scene with the calibration file that its sensor names read into it, if there is one.
+def with_calibration(document: SourceMapped, path: Path | None) -> SourceMapped:
+    """The scene with the calibration in a file, if its sensor names one.
 
     Raises InputError if the file cannot be used.
     """
     if path is None:
-        return given
-    found = SourceMapped(to_builtins(read_calibration(path)), "")
-    return replace(given, value=set_within(given.value, CALIBRATION, found))
+        return document
+    calibration = SourceMapped(to_builtins(read_calibration(path)), "")
+    return replace(document, value=set_within(document.value, CALIBRATION, calibration))
 
 
 def read_calibration(path: Path) -> CalibrationSpec:
-    """The calibration in a file; InputError names file, line, key and value."""
-    found = convert(read_yaml(path, MAX_CALIBRATION_VALUES), CalibrationFile, "calibration")
+    """The calibration in a file; InputError with file, line, key and value."""
+    contents = convert(read_yaml(path, MAX_CALIBRATION_VALUES), CalibrationFile, "calibration")
     names = CalibrationSpec.__struct_fields__
-    return CalibrationSpec(**{name: getattr(found, name) for name in names})
+    return CalibrationSpec(**{name: getattr(contents, name) for name in names})
 
 
-def check_planner(given: SourceMapped) -> Planner | None:
-    """Make the planner that a scene describes, ``explore: {planner: NAME, settings: {...}}``.
+def check_planner(document: SourceMapped) -> Planner | None:
+    """The planner that a scene describes, ``explore: {planner: NAME, settings: {...}}``.
 
-    A user's own is named ``module:Class``; the module is looked for in the current folder as well.
-    None if the scene names neither. Raises InputError if there is no such planner, or a setting is
+    A user's own planner is named ``module:Class``; the module may be in the current folder. None if
+    the scene has neither key. Raises InputError if there is no such planner, or a setting is
     unknown, of the wrong type, or out of its range.
     """
-    explore = given.value.get("explore")
+    explore = document.value.get("explore")
     if not isinstance(explore, Mapping) or not {"planner", "settings"} & set(explore):
         return None
     name, path = explore.get("planner", PLANNER_NAMES[0]), ("explore", "planner")
     if not isinstance(name, str):
-        raise given.error(
+        raise document.error(
             path, f"explore.planner is {name!r}; it must be a name, as {PLANNER_NAMES[0]}"
         )
     search_current_folder(name)
@@ -333,20 +337,20 @@ def check_planner(given: SourceMapped) -> Planner | None:
         kind = planner_type(name)
     except LookupError:
         known = hint(name, PLANNER_NAMES)
-        raise given.error(path, f"there is no planner {name!r}; {known}") from None
+        raise document.error(path, f"there is no planner {name!r}; {known}") from None
     except ValueError as error:
-        raise given.error(path, str(error)) from None
-    return convert(_planner_settings(given, explore), kind, "explore.settings")
+        raise document.error(path, str(error)) from None
+    return convert(_planner_settings(document, explore), kind, "explore.settings")
 
 
-def _planner_settings(given: SourceMapped, explore: Mapping[str, object]) -> SourceMapped:
-    """What stands behind ``settings``; nothing is no settings."""
+def _planner_settings(document: SourceMapped, explore: Mapping[str, object]) -> SourceMapped:
+    """The settings of the planner; an empty key means no settings."""
     path = ("explore", "settings")
     if (settings := explore.get("settings")) is None:
-        return SourceMapped({}, given.place(path))
+        return SourceMapped({}, document.place(path))
     if not isinstance(settings, Mapping):
-        raise given.error(path, f"explore.settings is {settings!r}; it must be a map of numbers")
-    return given.part(path)
+        raise document.error(path, f"explore.settings is {settings!r}; it must be a map of numbers")
+    return document.part(path)
 
 
 def _check_finger(spec: SceneSpec, located: SourceMapped) -> None:
@@ -358,20 +362,30 @@ def _check_finger(spec: SceneSpec, located: SourceMapped) -> None:
         raise located.error(where, str(error)) from None
 
 
-def _check_reach(spec: SceneSpec, located: SourceMapped) -> tuple[float, float, float]:
-    size, aside = object_extents(spec.object)
-    least = LEAST_TOUCHED if spec.explore.get("planner") == "touches" else LEAST_SLICED
-    if min(size) < least:
+def _check_reach(
+    spec: SceneSpec,
+    located: SourceMapped,
+    min_sliced_extent: float = 5.0e-3,
+    min_touched_extent: float = 2.0e-3,
+) -> tuple[float, float, float]:
+    """Extents of the object [m]; InputError if it is too small, or out of reach of the finger.
+
+    The smallest extents [m] are those of objects that are explored in slices, or by single touches.
+    """
+    size, radius = object_extents(spec.object)
+    is_touched = spec.explore.get("planner") == "touches"
+    min_extent = min_touched_extent if is_touched else min_sliced_extent
+    if min(size) < min_extent:
         raise located.error(
             ("object",),
             f"the object is only {min(size):.3g} m across; a pad of 15 mm can follow nothing "
-            f"smaller than {least} m",
+            f"smaller than {min_extent} m",
         )
     height, reach = size[2], spec.world.reach
-    if reach is not None and max(aside, height) > reach:
+    if reach is not None and max(radius, height) > reach:
         raise located.error(
             ("object",),
-            f"the object reaches {aside:.3g} m sideways and is {height:.3g} m high, but the "
+            f"the object reaches {radius:.3g} m sideways and is {height:.3g} m high, but the "
             f"finger reaches {reach:g} m; enlarge world.reach or leave it out, or move or shrink "
             "the object",
         )
@@ -384,10 +398,7 @@ def shipped_scenes() -> tuple[str, ...]:
 
 
 def find_scene(scene: str | Path) -> Path:
-    """Path of a scene given by name or path.
-
-    Raises InputError if there is no such file and no shipped scene of this name.
-    """
+    """Path of a scene, given by name or path; InputError if there is no such scene."""
     path = Path(scene)
     if path.is_file():
         return path
@@ -407,29 +418,29 @@ def scene_title(name: str) -> str:
 
 
 class CalibrationFile(CalibrationSpec, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A calibration with its standard errors; nothing reads these but people."""
+    """A calibration file, with standard errors that are not used."""
 
-    errors: dict[str, Any] = msgspec.field(default_factory=dict)  # By the names of the fields
+    errors: dict[str, Any] = msgspec.field(default_factory=dict)  # by the names of the fields
 
 
 def write_calibration(path: Path, estimate: CalibrationEstimate, pad: Pad) -> None:
-    """Write a calibration whole, or not at all.
+    """Write a calibration, whole or not at all.
 
-    Raises InputError if the file is there already, or cannot be written.
+    Raises InputError if the file exists, or cannot be written.
     """
 
-    def told(name: str) -> Any:
+    def plain(name: str) -> Any:
         value = getattr(estimate, name)
         if not isinstance(value, np.ndarray):
             return _rounded(value)
         rows = value.reshape(pad.rows, pad.cols).tolist()
         return [[_rounded(x) if math.isfinite(x) else None for x in row] for row in rows]
 
-    document = {name: told(name) for name in ("sound_speed", "noise", "gain", "offset")}
-    errors = {name: told(f"{name}_error") for name in ("sound_speed", "gain", "offset")}
+    document = {name: plain(name) for name in ("sound_speed", "noise", "gain", "offset")}
+    errors = {name: plain(f"{name}_error") for name in ("sound_speed", "gain", "offset")}
     document["errors"] = errors
     text = io.StringIO()
-    text.write("# Written by palpate calibrate. Gains: 0 is a taxel not to be trusted.\n")
+    text.write("# Written by palpate calibrate. A gain of 0 marks an unreliable taxel.\n")
     yaml = YAML(pure=True)
     yaml.default_flow_style = None
     yaml.width = 1000
@@ -437,5 +448,6 @@ def write_calibration(path: Path, estimate: CalibrationEstimate, pad: Pad) -> No
     write_new(path, lambda part: part.write_text(text.getvalue(), encoding="utf-8"))
 
 
-def _rounded(value: float) -> float:
-    return float(f"{value:.{DIGITS}g}")
+def _rounded(value: float, digits: int = 6) -> float:
+    """A value with fewer significant digits, far more than its standard error needs."""
+    return float(f"{value:.{digits}g}")

@@ -1,8 +1,8 @@
-"""What is published (`types`), how it is packed (`codec`, `fields`).
+"""Messages: their types (`types`), encoding (`codec`, `fields`), transport and recording.
 
-How it travels (`bus`) and how it is kept (`recording`). To be touched: the field types in `fields`,
-of which anybody makes message types of their own; the limits of a body are in `codec`, and changing
-one changes what is refused. Rests on numpy and msgspec; knows nothing of `palpate.core`.
+Transport is in `bus`, recording in `recording`. Users make message types of their own from the
+field types in `fields`. The limits of a body are in `codec`; changing one changes which messages
+are refused. This package uses numpy and msgspec, and nothing of `palpate.core`.
 """
 
 from palpate.messages.codec import (

@@ -1,12 +1,12 @@
 """Messages to bytes and back, with the same checks at both ends.
 
-A body is one msgpack map by field name; an array is a map of dtype, shape and bytes. A body is
-measured before it is unpacked, and each value must be what its field is before the next is looked
-at, so that no input can ask for more memory than it brings. What is sent is read back first: there
-is one set of checks. No extension type, no pickle. On the wire: topic, zero byte, fixed header,
-body, in one part, since each further part of a multipart message costs as much as the message.
-msgpack writes it, as any other msgpack can read it; msgspec reads it and checks types in the same
-pass. Neither knows arrays or units: these are ours.
+A body is one msgpack map by field name; an array is a map of dtype, shape and bytes. The size of a
+body is checked before it is unpacked, and each value before the next one, so that no input can take
+more memory than its own size. A message is read back before it is sent, so that there is one set of
+checks. There are no extension types and no pickle. A frame on the wire has the topic, a zero byte,
+a fixed header and the body, in one part, since each further part costs as much as the message.
+msgpack writes bodies, which any msgpack can read; msgspec reads them and checks types in the same
+pass. Arrays and units are handled here.
 """
 
 from __future__ import annotations
@@ -32,29 +32,27 @@ from palpate.messages.fields import (
     shape_text,
 )
 
-MAX_BYTES = 1 << 20  # Largest body of a type that does not set its own ``MAX_BYTES``
-# How msgspec puts it, and how we do
+MAX_BYTES = 1 << 20  # of a body, unless its type has another ``MAX_BYTES``
+# Words of msgspec in errors, and their replacements.
 _WORDS = (
     *(("Expected", "must be"), ("`", "")),
     *(("Object missing required", "missing"), ("Object contains unknown", "unknown")),
 )
-MAX_REASON_CHARS = 200  # Of what is wrong with bytes that are no message
 Message = TypeVar("Message")
 _CODECS: dict[type, Codec] = {}
 _LAYOUT = struct.Struct("<QIQqdI?")
 HEADER_SIZE = _LAYOUT.size
-MAX_SHOWN_CHARS = 60  # Characters of a value that are shown
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Codec:
-    """Everything needed to write and read one message type."""
+    """Functions and facts to write and read one message type."""
 
     cls: type
     names: tuple[str, ...]
     values: Callable[[Any], tuple[Any, ...]]
-    read: Callable[[bytes], msgspec.Struct]  # Checks bytes, and all that is not in an array
-    pack: tuple[tuple[int, Convert], ...]  # Of the fields that are arrays, by their places
+    read: Callable[[bytes], msgspec.Struct]  # checks all but the contents of arrays
+    pack: tuple[tuple[int, Convert], ...]  # of array fields, by index
     unpack: tuple[tuple[str, Convert], ...]
     max_bytes: int
     schema: dict[str, Any]
@@ -62,7 +60,7 @@ class Codec:
 
 
 def encode(message: object) -> bytes:
-    """Bytes of a message.
+    """The bytes of a message.
 
     Raises CodecError if a field has the wrong type, shape or dtype, or is not finite, or the body
     is larger than its type allows.
@@ -83,7 +81,7 @@ def encode(message: object) -> bytes:
 
 
 def decode(cls: type[Message], body: bytes) -> Message:
-    """Message of type `cls` from its bytes; its arrays are read-only.
+    """The message of type `cls` in bytes; its arrays are read-only.
 
     Raises CodecError if the bytes are not exactly one message of this type.
     """
@@ -109,26 +107,26 @@ def _read(codec: Codec, body: bytes) -> msgspec.Struct:
 
 
 def _reason(codec: Codec, error: Exception) -> str:
-    """What is wrong, with the field before it."""
-    what, _, path = str(error).partition(" - at `$.")
+    """The fault in words, with the field before it."""
+    fault, _, path = str(error).partition(" - at `$.")
     name, _, part = path.rstrip("`").replace("[...]", "").partition(".")
     for theirs, ours in _WORDS:
-        what = what.replace(theirs, ours)
-    if LARGEST in what:
-        what = "must be finite"
+        fault = fault.replace(theirs, ours)
+    if LARGEST in fault:
+        fault = "must be finite"
     described = codec.schema["properties"].get(name, {})
     if "enum" in described:
-        what = what.replace("Invalid enum value", f"must be one of {described['enum']}, got")
+        fault = fault.replace("Invalid enum value", f"must be one of {described['enum']}, got")
     if part[:5] in ("dtype", "shape"):
-        array = next(one for one in described.get("anyOf", [described]) if "shape" in one)
+        array = next(rule for rule in described.get("anyOf", [described]) if "shape" in rule)
         dtype, shape = array["dtype"], shape_text(array["shape"])
-        what = f"must have {part[:5]} {dtype if part[:5] == 'dtype' else shape}"
-    return printable(f"{name} {what}" if name else what)
+        fault = f"must have {part[:5]} {dtype if part[:5] == 'dtype' else shape}"
+    return printable(f"{name} {fault}" if name else fault)
 
 
-def printable(text: str) -> str:
-    """Text of others in one line, cut off after `MAX_REASON_CHARS` characters."""
-    return "".join(one if one.isprintable() else "?" for one in text[:MAX_REASON_CHARS])
+def printable(text: str, max_chars: int = 200) -> str:
+    """The first `max_chars` characters of an untrusted text, in one line."""
+    return "".join(char if char.isprintable() else "?" for char in text[:max_chars])
 
 
 def _unwritable(codec: Codec, values: list[Any]) -> str:
@@ -142,7 +140,7 @@ def _unwritable(codec: Codec, values: list[Any]) -> str:
 
 
 def _write_number(value: Any) -> Any:
-    """A number of numpy's as Python's."""
+    """A number of numpy as a number of Python."""
     if isinstance(value, np.generic):
         return value.item()
     raise TypeError(f"a {type(value).__name__}")
@@ -159,12 +157,12 @@ def schema(cls: type) -> dict[str, Any]:
 
 
 def schema_hash(cls: type) -> int:
-    """32 bits that change whenever the schema does."""
+    """A hash of the schema, of 32 bits."""
     return codec_of(cls).hash
 
 
 def codec_of(cls: type) -> Codec:
-    """Checks of a message type, compiled at its first use."""
+    """The codec of a message type, compiled at its first use."""
     if cls not in _CODECS:
         if not dataclasses.is_dataclass(cls):
             raise CodecError(f"{cls.__name__} is not a message type")
@@ -190,7 +188,7 @@ def codec_of(cls: type) -> Codec:
         _CODECS[cls] = Codec(
             cls=cls,
             names=names,
-            values=attrgetter(*names) if len(names) > 1 else lambda one: (getattr(one, names[0]),),
+            values=attrgetter(*names) if len(names) > 1 else lambda m: (getattr(m, names[0]),),
             read=msgspec.msgpack.Decoder(wire).decode,
             pack=tuple((place, pack) for place, pack in packed if pack),
             unpack=tuple((name, unpack) for name, unpack in unpacked if unpack),
@@ -202,33 +200,33 @@ def codec_of(cls: type) -> Codec:
 
 
 class Header(NamedTuple):
-    """What every frame has before its body."""
+    """The header of a frame, before its body."""
 
-    run: int  # Number of the run, 64 bits
-    epoch: int  # Counts the publisher's starts
-    seq: int  # Counts up by one per publisher and topic, across restarts
-    sent_ns: int  # The publisher's monotonic clock when it was sent, ns
-    robot_time: float  # Robot time in the body, s; 0 if it has none
-    schema: int  # Hash of the body's schema
-    outside: bool = False  # Whether a tool had the publisher publish it
+    run: int  # number of the run, 64 bits
+    epoch: int  # number of the publisher's earlier starts
+    seq: int  # counts up by one per publisher and topic, across restarts
+    sent_ns: int  # publisher's monotonic clock at sending [ns]
+    robot_time: float  # of the body [s]; 0 if it has none
+    schema: int  # hash of the body's schema
+    outside: bool = False  # whether a tool requested the message
 
 
 def pack_frame(topic: str, header: Header, body: bytes) -> bytes:
-    """One frame: topic, a zero byte, the header, the body."""
+    """A frame: the topic, a zero byte, the header, the body."""
     return topic.encode() + b"\0" + _LAYOUT.pack(*header) + body
 
 
 def split_frame(frame: bytes) -> tuple[str, Header, bytes]:
     """Topic, header and body of a frame.
 
-    ValueError if the frame is too short to hold a topic and a header, the topic is no text, or the
-    header's last byte is neither 0 nor 1.
+    Raises ValueError if the frame is too short for a topic and a header, the topic is no text, or
+    the last byte of the header is neither 0 nor 1.
     """
     end = frame.find(b"\0")
     if end < 0 or len(frame) < end + 1 + HEADER_SIZE:
         raise ValueError(f"not a frame: {len(frame)} bytes without a topic and a header")
     header = Header._make(_LAYOUT.unpack_from(frame, end + 1))
-    if (last := frame[end + HEADER_SIZE]) > 1:  # which `struct` takes for true
+    if (last := frame[end + HEADER_SIZE]) > 1:  # `struct` reads it as true
         raise ValueError(f"not a frame: its header ends in {last}, which is neither 0 nor 1")
     try:
         topic = frame[:end].decode()
@@ -237,47 +235,47 @@ def split_frame(frame: bytes) -> tuple[str, Header, bytes]:
     return topic, header, frame[end + 1 + HEADER_SIZE :]
 
 
-def first_difference(cls: type, one: bytes, other: bytes) -> tuple[str, str, str] | None:
-    """Where two bodies of the same type differ first; None if they are identical.
+def first_difference(cls: type, body: bytes, other: bytes) -> tuple[str, str, str] | None:
+    """The first difference of two bodies of the same type; None if they are identical.
 
-    Returns the field, with the place within it if it is an array, and what is there in each body;
-    the field ``bytes`` if the bodies differ though the values do not, or one is no such message.
+    Returns the field, with the index in an array, and its value in each body; the field ``bytes``
+    if only the bytes differ, or a body is no such message.
     """
-    if one == other:
+    if body == other:
         return None
     try:
-        first: Any = decode(cls, one)
+        first: Any = decode(cls, body)
         second: Any = decode(cls, other)
     except CodecError as error:
-        return "bytes", f"{len(one)} bytes", f"{len(other)} bytes: {error}"
+        return "bytes", f"{len(body)} bytes", f"{len(other)} bytes: {error}"
     for field in dataclasses.fields(cls):
-        mine, theirs = getattr(first, field.name), getattr(second, field.name)
-        if (found := _difference(mine, theirs)) is not None:
-            return field.name + found[0], *found[1:]
-    place_of = next(i for i, (a, b) in enumerate(zip(one, other, strict=False)) if a != b)
-    return f"bytes[{place_of}]", f"{one[place_of]:#04x}", f"{other[place_of]:#04x}"
+        values = getattr(first, field.name), getattr(second, field.name)
+        if (difference := _difference(*values)) is not None:
+            return field.name + difference[0], *difference[1:]
+    index = next(i for i, (a, b) in enumerate(zip(body, other, strict=False)) if a != b)
+    return f"bytes[{index}]", f"{body[index]:#04x}", f"{other[index]:#04x}"
 
 
-def _difference(one: Any, other: Any) -> tuple[str, str, str] | None:
-    if isinstance(one, dict) and one.keys() == other.keys():
-        entries = ((f"[{key!r}]", one[key], other[key]) for key in one)
+def _difference(value: Any, other: Any) -> tuple[str, str, str] | None:
+    if isinstance(value, dict) and value.keys() == other.keys():
+        entries = ((f"[{key!r}]", value[key], other[key]) for key in value)
         different = (entry for entry in entries if repr(entry[1]) != repr(entry[2]))
         return next(((at, shortened(a), shortened(b)) for at, a, b in different), None)
-    if not isinstance(one, np.ndarray):
-        return None if repr(one) == repr(other) else ("", shortened(one), shortened(other))
-    if one.shape != other.shape:
-        return ".shape", str(one.shape), str(other.shape)
-    if one.tobytes() == other.tobytes():
+    if not isinstance(value, np.ndarray):
+        return None if repr(value) == repr(other) else ("", shortened(value), shortened(other))
+    if value.shape != other.shape:
+        return ".shape", str(value.shape), str(other.shape)
+    if value.tobytes() == other.tobytes():
         return None
-    width = one.dtype.itemsize  # Bytes, not values: a zero of another sign is a difference
-    bits = [np.frombuffer(a.tobytes(), np.uint8).reshape(-1, width) for a in (one, other)]
+    width = value.dtype.itemsize  # bytes are compared, so that the sign of a zero counts
+    bits = [np.frombuffer(a.tobytes(), np.uint8).reshape(-1, width) for a in (value, other)]
     first = int((bits[0] != bits[1]).any(axis=1).argmax())
-    place = np.unravel_index(first, one.shape)
+    place = np.unravel_index(first, value.shape)
     at = "[" + ", ".join(str(int(i)) for i in place) + "]"
-    return at, shortened(one[place].item()), shortened(other[place].item())
+    return at, shortened(value[place].item()), shortened(other[place].item())
 
 
-def shortened(value: Any) -> str:
-    """A value as it is written, cut off after `MAX_SHOWN_CHARS` characters."""
+def shortened(value: Any, max_chars: int = 60) -> str:
+    """The representation of a value, cut off after `max_chars` characters."""
     text = repr(value)
-    return text if len(text) <= MAX_SHOWN_CHARS else text[: MAX_SHOWN_CHARS - 3] + "..."
+    return text if len(text) <= max_chars else text[: max_chars - 3] + "..."

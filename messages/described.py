@@ -1,7 +1,7 @@
-"""A message type made from its JSON schema alone, for who has not the module that defines it.
+"""Message types made from their JSON schemas, where the modules that define them are missing.
 
-The schema of the type that is made is the schema that it was made from, to the last bit: what a
-recording or a running graph says of a type of somebody's own is enough to read its messages.
+The schema of such a type equals its source to the last bit, so that messages of a user's own type
+can be read with the schema of a recording or a running graph.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _PLAIN = {"number": float, "integer": int, "boolean": bool, "string": str}
 
 @lru_cache(maxsize=256)
 def type_of_schema(text: str) -> type:
-    """The message type that a JSON schema describes; the same text gives the same type.
+    """The message type of a JSON schema; the same text gives the same type.
 
     Raises CodecError if the text is not the schema of a message type of this version of palpate.
     """
@@ -36,7 +36,7 @@ def type_of_schema(text: str) -> type:
         described = json.loads(text)
         cls = _made(described)
         if json.dumps(schema(cls), sort_keys=True) != json.dumps(described, sort_keys=True):
-            raise ValueError("it says more than a message type can")
+            raise ValueError("it has more than the schema of a message type")
     except (ValueError, TypeError, LookupError, AttributeError, RecursionError) as error:
         raise CodecError(f"this is no schema of a message type: {printable(str(error))}") from None
     return cls

@@ -1,7 +1,7 @@
-"""Field types of messages: unit, dtype and shape, and how each is packed, checked and described.
+"""Field types of messages: unit, dtype and shape, with their packing, checks and schemas.
 
-A message is a frozen dataclass whose fields use the names of this module. The codec reads them
-to check values at both ends, and to write the JSON schema that recordings carry.
+A message is a frozen dataclass with fields of these types. The codec uses them to check values at
+both ends, and to write the JSON schema that recordings contain.
 """
 
 from __future__ import annotations
@@ -21,26 +21,24 @@ from numpy.typing import NDArray
 
 Shape = tuple[int | None, ...]
 Floats = NDArray[np.float64]
-MAX_TEXT = 4096  # Longest text, characters
-MAX_ITEMS = 4096  # Longest tuple
-# Largest body of any message: what codec, writer and reader of recordings all hold to.
-MAX_MESSAGE_BYTES = 256 << 20
-FEW_ELEMENTS = 16  # Elements up to which an array is summed up faster without numpy
-MAX_FIELDS = 64  # Most entries of a table
-LARGEST = f"{sys.float_info.max!r}"  # What a finite number does not exceed
+MAX_TEXT = 4096  # of a text [characters]
+MAX_ITEMS = 4096  # of a tuple
+MAX_MESSAGE_BYTES = 256 << 20  # of any body: for codec, writer and reader of recordings
+MAX_FIELDS = 64  # of a table
+LARGEST = f"{sys.float_info.max!r}"  # finite number
 Convert = Callable[[Any], Any]
 
 
 @dataclass(frozen=True, slots=True)
 class Unit:
-    """The unit of a number; ``"1"`` for a pure one, ``"#"`` for a count."""
+    """The unit of a number: ``"1"`` for a ratio, ``"#"`` for a count."""
 
     symbol: str
 
 
 @dataclass(frozen=True, slots=True)
 class Array:
-    """An array: dtype on the wire, shape with None where any length will do, unit."""
+    """An array: dtype on the wire, shape with None for any length, unit."""
 
     dtype: str
     shape: Shape
@@ -48,20 +46,20 @@ class Array:
 
 
 class CodecError(ValueError):
-    """A value is not the message that it should be."""
+    """A value is no valid message."""
 
 
 class FieldRule(NamedTuple):
-    """One field's way onto the wire and back."""
+    """Conversion of one field to the wire and back."""
 
-    wire: Any  # Type on the wire, with what is checked there
+    wire: Any  # type on the wire, with its checks
     schema: dict[str, Any]  # JSON schema of the field
-    pack: Convert | None = None  # Of an array: what is written of it
-    unpack: Convert | None = None  # Of an array: checks what was read, and turns it into one
+    pack: Convert | None = None  # converts an array to the wire
+    unpack: Convert | None = None  # checks and converts an array from the wire
 
 
 def field_rule(hint: Any) -> FieldRule:
-    """Rule for a field of this type."""
+    """The rule for a field of this type."""
     marks = getattr(hint, "__metadata__", ())
     for mark in marks:
         if isinstance(mark, Array):
@@ -97,7 +95,7 @@ def _array_rule(array: Array) -> FieldRule:
         try:
             value = np.ndarray(shape, dtype, data)
         except (ValueError, TypeError):
-            value = None  # too few bytes, or an absurd length along an axis of an empty array
+            value = None  # too few bytes, or an empty array with a huge axis
         if value is None or value.nbytes != len(data):
             raise CodecError(f"has {len(data)} bytes, which do not fill shape {shape_text(shape)}")
         if floating and not _is_finite(value):
@@ -111,18 +109,18 @@ def _array_rule(array: Array) -> FieldRule:
 
 
 def shape_text(shape: Shape) -> str:
-    """A shape as it is written in messages."""
+    """A shape in words of errors."""
     return "(" + ", ".join("any" if n is None else str(n) for n in shape) + ")"
 
 
-def _is_finite(value: np.ndarray[Any, Any]) -> bool:
-    """Whether no element is a NaN or infinite.
+def _is_finite(value: np.ndarray[Any, Any], max_listed: int = 16) -> bool:
+    """Whether no element is NaN or infinite.
 
-    A sum, or a sum of squares, is finite only if all that is summed is: it is looked at first, for
-    it is cheap. If it overflows, elements are looked at one by one.
+    A sum, or a sum of squares, is finite only if all elements are; it is checked first because it
+    is fast, up to `max_listed` elements as a list. If it overflows, all elements are checked.
     """
-    few = value.size <= FEW_ELEMENTS
-    total = sum(value.ravel().tolist()) if few else np.vdot(value, value)
+    is_small = value.size <= max_listed
+    total = sum(value.ravel().tolist()) if is_small else np.vdot(value, value)
     return math.isfinite(total) or bool(np.isfinite(value).all())
 
 
@@ -130,9 +128,9 @@ def _compound_rule(plain: Any) -> FieldRule:
     origin, args = get_origin(plain), get_args(plain)
     schema: dict[str, Any]
     if origin in (Union, UnionType) and len(args) == 2 and args[1] is NoneType:
-        some: Any = field_rule(args[0])
-        schema = {"anyOf": [some.schema, {"type": "null"}]}
-        return FieldRule(some.wire | None, schema, _or_none(some.pack), _or_none(some.unpack))
+        rule: Any = field_rule(args[0])
+        schema = {"anyOf": [rule.schema, {"type": "null"}]}
+        return FieldRule(rule.wire | None, schema, _or_none(rule.pack), _or_none(rule.unpack))
     if origin is Literal:
         return FieldRule(plain, {"enum": list(args)})
     if origin is tuple and len(args) == 2 and args[1] is ...:
@@ -152,7 +150,7 @@ def _or_none(convert: Convert | None) -> Convert | None:
     return lambda value: None if value is None else convert(value)
 
 
-# Types on the wire
+# Types on the wire.
 _LENGTH = Annotated[int, Meta(ge=0, le=(1 << 63) - 1)]
 _INT = Annotated[int, Meta(ge=-(1 << 63), le=(1 << 63) - 1)]
 _FLOAT = Annotated[float, Meta(ge=-sys.float_info.max, le=sys.float_info.max)]
@@ -179,19 +177,19 @@ Triangles = Annotated[NDArray[np.int32], Array("<i4", (None, 3), "#")]
 Lengths = Annotated[Floats, Array("<f8", (None,), "m")]
 Numbers = Annotated[Floats, Array("<f8", (None,), "1")]
 FingerNumbers = Annotated[NDArray[np.int32], Array("<i4", (None,), "#")]
-# What the time of a move was made of: the wait, the way from the last start pose and the turn, the
-# approach, and the way from the last contact along the surface, -1 where there was none.
+# Parts of the time of a move: wait, path from the last start pose, turn, approach, and path from
+# the last contact along the surface, -1 if there is none.
 MoveParts = Annotated[Floats, Array("<f8", (5,), "s, m, rad, m, m")]
-# Speeds of a robot: of travel and its acceleration, of turning, towards the surface and away from
-# it; then its rest in contact and the overhead of a command. None where they are not known.
+# Speeds of a robot: travel and its acceleration, turning, towards the surface and away from it;
+# then its rest in contact and the overhead of a command. Empty if unknown.
 RobotSpeeds = Annotated[Floats, Array("<f8", (None,), "m/s, m/s2, rad/s, m/s, m/s, s, s")]
 Curvatures = Annotated[Floats, Array("<f8", (None,), "1/m")]
-# Times of flight or forces, as the SensorInfo says.
+# Times of flight or forces, as in SensorInfo.
 SignalImage = Annotated[Floats, Array("<f8", (None, None), "s or N")]
 RatioImage = Annotated[Floats, Array("<f8", (None, None), "1")]
 LengthImage = Annotated[Floats, Array("<f8", (None, None), "m")]
 Mask = Annotated[NDArray[np.bool_], Array("|b1", (None, None), "1")]
 Voxels = Annotated[NDArray[np.uint8], Array("|u1", (None, None, None), "1")]
 ControlPoints = Annotated[Floats, Array("<f8", (None, None, None, 3), "m")]
-# Bytes that mean something only to who packed them.
+# Bytes in a format of the publisher.
 PackedBytes = Annotated[NDArray[np.uint8], Array("|u1", (None,), "1")]

@@ -1,8 +1,7 @@
-"""Who publishes.
+"""Nodes, one thin module each, started by the name of the module.
 
-One thin file for each node, started by the name of its module, and what a user needs to write
-another. To be touched: any node may be replaced by one's own with the same topics; what it
-computes stands in `palpate.core`. Nodes rest on `runtime` and `specs`, never on another node.
+A user may replace any node by another one with the same topics. The computations of nodes are in
+`palpate.core`. Nodes use `runtime` and `specs`, and no other node.
 """
 
 import lazy_loader

@@ -1,9 +1,8 @@
-"""Collector node: makes a solid of touches that somebody else has chosen, in the planner's place.
+"""Collector node: makes a solid of touches that are chosen outside, in place of the planner.
 
-It gives out no goals. When a driver says that no more frames will come, it asks the reconstructor
-for a solid of all of them, says how good that is and where touches are missing, and ends the graph.
-Where somebody turned the object over, it asks for a solid of each placement before: where the next
-one's touches fit it tells how the object lay then.
+It sends no touch goals. After the last frame of a driver it requests a solid of all frames, states
+its error and where touches are missing, and ends the graph. If the object was turned over, it
+requests a solid of each earlier placement, from which the next placement's pose is found.
 """
 
 from __future__ import annotations
@@ -32,7 +31,7 @@ from palpate.messages.types import (
 )
 from palpate.nodes.planning.knowledge import observed_surface, plan_done
 from palpate.nodes.runtime.node import Finished, Node, Outputs
-from palpate.nodes.specs.frames import FRAMES_A_GOAL
+from palpate.nodes.specs.frames import FRAMES_PER_GOAL
 from palpate.nodes.specs.primitives import Length
 from palpate.nodes.specs.sensors import pad_of_info
 
@@ -43,13 +42,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CollectorSettings:
-    """What is taken for granted of touches that somebody else has chosen."""
+    """Assumptions on touches that are chosen outside."""
 
-    max_reach: float = 0.6  # of all touches about their middle [m]: space is mapped no farther
-    named_distance: float = (
-        5e-3  # from every touch; what lies farther is named if none is asked [m]
-    )
-    margin: float = 0.02  # nothing of the object lies farther from all that was touched [m]
+    max_reach: float = 0.6  # of all touches from their middle [m]: space is mapped up to it
+    # Distance from all touches beyond which surface is unknown, if no feature is requested [m].
+    unknown_distance: float = 5e-3
+    margin: float = 0.02  # of the object around all touches [m]
 
 
 COLLECTING = CollectorSettings()
@@ -58,16 +56,16 @@ COLLECTING = CollectorSettings()
 class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What the launch file may set."""
 
-    # Height on which the object stands, in the frame of the poses, m; null: it is held.
+    # Height of the platform under the object, in the frame of the poses [m]; null: it is held.
     platform: Annotated[float, Meta(ge=-10, le=10, description="m")] | None = None
-    # Root mean square error that is asked for, m; null: whatever the touches give.
+    # Requested root mean square error [m]; null: none.
     tolerance: Length | None = None
-    # Largest gap that may stay untouched, m; null: 100 times the tolerance.
+    # Largest allowed untouched gap [m]; null: 100 times the tolerance.
     feature: Length | None = None
 
     @property
     def limits(self) -> Limits:
-        """What is asked of the solid."""
+        """The limits on the solid."""
         if self.tolerance is None:
             return Limits(feature=self.feature)
         return Limits(
@@ -78,28 +76,29 @@ class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class State:
-    """What has been received."""
+    """Messages that have been received."""
 
     pad: Pad | None = None
-    world: World | None = None  # Once all touches are there
-    low: Floats = field(default_factory=lambda: np.full(3, np.inf))  # Of the pads that touched, m
+    world: World | None = None  # known with all touches
+    # Box of the pads with contact [m].
+    low: Floats = field(default_factory=lambda: np.full(3, np.inf))
     high: Floats = field(default_factory=lambda: np.full(3, -np.inf))
-    # By goal, the frames received, those of them that touched, and the last of these, or the last
-    # if none did.
+    # By goal: number of frames, number of frames with contact, and the last frame with contact, or
+    # the last frame if there is none.
     goals: Mapping[int, tuple[int, int, SurfacePatch]] = field(default_factory=dict)
-    over: bool = False  # Whether it has ended without a solid
-    end: SequenceEnd | None = None  # Once it is known how many there are
+    over: bool = False  # whether it has ended without a solid
+    end: SequenceEnd | None = None  # known after the last frame
 
     @property
     def touches(self) -> tuple[int, int]:
-        """Frames received, and those of them that touched."""
-        counts = [one[:2] for one in self.goals.values()]
-        return sum(one[0] for one in counts), sum(one[1] for one in counts)
+        """Numbers of frames, and of frames with contact."""
+        entries = self.goals.values()
+        return sum(entry[0] for entry in entries), sum(entry[1] for entry in entries)
 
     @property
     def turns(self) -> int:
-        """How often the object was turned over."""
-        return max((one[2].placement for one in self.goals.values()), default=0)
+        """Number of times that the object was turned over."""
+        return max((entry[2].placement for entry in self.goals.values()), default=0)
 
 
 def know_sensor(params: Params, state: State, info: SensorInfo) -> tuple[State, Outputs]:
@@ -108,32 +107,32 @@ def know_sensor(params: Params, state: State, info: SensorInfo) -> tuple[State, 
 
 
 def take_patch(params: Params, state: State, patch: SurfacePatch) -> tuple[State, Outputs]:
-    """Count a touch, and report its goal when that is full."""
-    count, met, last = state.goals.get(patch.goal, (0, 0, patch))
-    hit = patch.outcome in HITS
-    entry = (count + 1, met + hit, patch if hit or not met else last)
+    """Count a frame, and report its goal when it has all frames."""
+    count, n_contacts, last = state.goals.get(patch.goal, (0, 0, patch))
+    is_hit = patch.outcome in HITS
+    entry = (count + 1, n_contacts + is_hit, patch if is_hit or not n_contacts else last)
     state = replace(state, goals={**state.goals, patch.goal: entry})
-    if hit:
-        place = patch.pose[:3]
-        state = replace(state, low=np.minimum(state.low, place), high=np.maximum(state.high, place))
-    full: Outputs = [_probe(patch.goal, entry)] if entry[0] == FRAMES_A_GOAL else []
+    if is_hit:
+        point = patch.pose[:3]
+        state = replace(state, low=np.minimum(state.low, point), high=np.maximum(state.high, point))
+    full: Outputs = [_probe(patch.goal, entry)] if entry[0] == FRAMES_PER_GOAL else []
     return _when_complete(params, state, full)
 
 
 def take_end(params: Params, state: State, end: SequenceEnd) -> tuple[State, Outputs]:
-    """Remember how many there are."""
+    """Remember the number of frames."""
     return _when_complete(params, replace(state, end=end), [])
 
 
 def _when_complete(params: Params, state: State, outputs: Outputs) -> tuple[State, Outputs]:
-    """With all frames received: the world as they tell of it, and a model to judge by."""
-    frames, met = state.touches
+    """After the last frame, the world around the contacts, and requests for models."""
+    frames, n_contacts = state.touches
     if state.end is None or frames < state.end.frames:
         return state, outputs
-    rest = [(goal, one) for goal, one in state.goals.items() if one[0] < FRAMES_A_GOAL]
-    outputs = [*outputs, *(_probe(goal, one) for goal, one in rest)]
+    partial = [item for item in state.goals.items() if item[1][0] < FRAMES_PER_GOAL]
+    outputs = [*outputs, *(_probe(goal, entry) for goal, entry in partial)]
     world = _world(params, state)
-    why = "" if met else f"none of the {frames} frames shows a contact"
+    why = "" if n_contacts else f"none of the {frames} frames shows a contact"
     if world.reach > COLLECTING.max_reach:
         why = (
             f"the touches reach {world.reach:.3g} m from their middle, more than "
@@ -142,8 +141,8 @@ def _when_complete(params: Params, state: State, outputs: Outputs) -> tuple[Stat
         world = replace(world, reach=COLLECTING.max_reach)
     if state.turns and params.platform is None:
         why = (
-            "the object was turned over, but nobody knows on what it stood: say at which height "
-            "the platform is, platform:=0 for instance"
+            "the object was turned over, but the height of its platform is unknown: give it, as "
+            "platform:=0"
         )
     state = replace(state, world=world, over=bool(why))
     outputs.append(("/world", world))
@@ -170,7 +169,7 @@ def _probe(goal: int, entry: tuple[int, int, SurfacePatch]) -> tuple[str, Probe]
 
 
 def _world(params: Params, state: State) -> World:
-    """The room about what was touched, upright on the platform, or lowest where that is unknown."""
+    """The world around the contacts, on the platform, or on the lowest contact if it is unknown."""
     low, high = state.low - COLLECTING.margin, state.high + COLLECTING.margin
     if not np.isfinite(low).all():
         low, high = np.zeros(3), np.full(3, COLLECTING.margin)
@@ -187,47 +186,49 @@ def _world(params: Params, state: State) -> World:
 
 
 def _goal(state: State, placement: int | None = None) -> ModelGoal:
-    """All touches; or those up to a placement, from which it is to be told how the object lay."""
+    """A model of all touches, or of those up to a placement, to find the pose of the next one."""
     assert state.end is not None
     last = state.turns if placement is None else placement
-    goals = {goal: one for goal, one in sorted(state.goals.items()) if one[2].placement <= last}
+    goals = {goal: e for goal, e in sorted(state.goals.items()) if e[2].placement <= last}
     return ModelGoal(
         number=state.turns + 1 if placement is None else placement,
         contours=(),
-        probes=tuple(goal for goal, one in goals.items() if one[1]),
-        missed=tuple(goal for goal, one in goals.items() if not one[1]),
+        probes=tuple(goal for goal, entry in goals.items() if entry[1]),
+        missed=tuple(goal for goal, entry in goals.items() if not entry[1]),
         general=True,
         closings=0,
         final=placement is None,
-        touches=sum(one[0] for one in goals.values()),
+        touches=sum(entry[0] for entry in goals.values()),
         robot_time=state.end.robot_time,
     )
 
 
 def take_model(params: Params, state: State, model: ShapeModel) -> tuple[State, Outputs]:
-    """Judge the last model, and end; that nothing was rebuilt of nothing is told already."""
+    """Judge the final model, and end, unless the end without a solid is stated already."""
     if state.over or not model.final:
         return state, []
     assert state.pad is not None and state.world is not None
-    frames, met = state.touches
-    asked = params.limits
-    distance = COLLECTING.named_distance if asked.feature is None else asked.unknown_distance
+    frames, n_contacts = state.touches
+    limits = params.limits
+    distance = COLLECTING.unknown_distance if limits.feature is None else limits.unknown_distance
     pose = Pose.from_array(model.placements[-1]) if len(model.placements) else None
     surface = observed_surface(model, state.pad, state.world, distance, pose=pose)
     if surface is None:
-        why = f"what {met} of {frames} frames touched lies in one plane: touch other sides, too"
+        why = (
+            f"all contacts, of {n_contacts} of {frames} frames, lie in one plane: touch other sides"
+        )
         reason = "; ".join(model.rejected) or why
         return _ended(state, [], _done(params, _goal(state), reason))
-    reason = f"all {frames} frames were used, {met} of which show a contact"
+    reason = f"all {frames} frames were used, {n_contacts} of which show a contact"
     if len(model.placements) < state.turns:
         fault = "; ".join(model.placement_faults[-1:])
         turn = f"those since it was turned over {_times(len(model.placements) + 1)} are left out"
-        reason = f"{turn}: {fault or 'no solid of those before tells how it lay'}"
+        reason = f"{turn}: {fault or 'its pose is unknown without a solid of earlier touches'}"
     return _ended(state, [], _done(params, _goal(state), reason, surface))
 
 
 def _times(count: int) -> str:
-    """How often, in words."""
+    """A number of times, in words."""
     return "once" if count == 1 else f"{count} times"
 
 
@@ -236,8 +237,7 @@ def _done(
 ) -> PlanDone:
     if surface is None:
         return plan_done(goal, reason, Findings(), params.limits)
-    found, unknown = surface.findings, surface.open_area
-    return plan_done(goal, reason, found, params.limits, unknown)
+    return plan_done(goal, reason, surface.findings, params.limits, surface.open_area)
 
 
 def _ended(state: State, outputs: Outputs, done: PlanDone) -> tuple[State, Outputs]:

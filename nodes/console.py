@@ -1,4 +1,4 @@
-"""Console node: publishes what a user types, so that a graph can be spoken to from outside."""
+"""Console node: publishes messages that a user types."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from palpate.nodes.runtime.node import Source
 class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What the launch file may set."""
 
-    topics: dict[str, str]  # Topic to the name of its message type
+    topics: dict[str, str]  # names of message types by topic
 
     def __post_init__(self) -> None:
         for topic, name in self.topics.items():
@@ -25,12 +25,12 @@ class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 
 def outputs(params: Params) -> Mapping[str, type]:
-    """Its topics and their types."""
+    """Types of its messages by topic."""
     return {topic: TYPES[name] for topic, name in params.topics.items()}
 
 
 def listen(params: Params) -> Iterator[None]:
-    """Nothing of its own, ever."""
+    """No messages of its own."""
     return repeat(None)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from msgspec import Struct
@@ -14,14 +14,14 @@ from palpate.messages.types import SensorInfo, SurfacePatch, TactileImage
 from palpate.nodes.runtime.node import Node, Outputs
 from palpate.nodes.specs.sensors import pad_of_info
 
-JET = "jet"  # The estimator that is not looked for
+JET = "jet"  # name of the default estimator
 
 
 class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What the launch file may set."""
 
-    # What normal and curvatures come from: jet, a polynomial fitted to the touched taxels; bspline,
-    # the thesis's interpolating surface; or one's own, ``module:function``.
+    # Estimator of normal and curvatures: jet, a polynomial fitted to the touched taxels; bspline,
+    # the thesis's interpolating surface; or a user's own, ``module:function``.
     estimator: str = JET
 
     def __post_init__(self) -> None:
@@ -32,27 +32,29 @@ class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 
 def estimator_of(name: str) -> touch.Estimator:
-    """An estimator by its name; LookupError if there is none, ValueError if it is of no use."""
+    """An estimator by its name; LookupError if there is none, ValueError if unusable."""
     if name == JET:
         return touch.fit_jet
-    found: object
-    others = {} if ":" in name else entry_points_of("palpate.curvature_estimators")
-    if name in others:
-        found = others[name].load()
+    estimator: object
+    entry_points = {} if ":" in name else entry_points_of("palpate.curvature_estimators")
+    if name in entry_points:
+        estimator = entry_points[name].load()
     else:
-        names = (JET, *others)
-        found = class_by_name(name, what="estimator of curvature", names=names, package="palpate")
-    if not callable(found):
+        names = (JET, *entry_points)
+        estimator = class_by_name(
+            name, what="estimator of curvature", names=names, package="palpate"
+        )
+    if not callable(estimator):
         raise ValueError(f"the estimator of curvature {name!r} must be a function, as fit_jet is")
-    return cast(touch.Estimator, found)
+    return cast(touch.Estimator, estimator)
 
 
 class State(NamedTuple):
-    """What the node works with."""
+    """The estimator and the sensor."""
 
     estimator: touch.Estimator
-    pad: touch.Pad | None = None  # The array, once it is known
-    noise: float = 0.0  # Standard deviation of one taxel, m
+    pad: touch.Pad | None = None  # None until it is known
+    noise: float = 0.0  # standard deviation of one taxel [m]
 
 
 def know_sensor(params: Params, state: State, info: SensorInfo) -> tuple[State, Outputs]:
@@ -61,20 +63,18 @@ def know_sensor(params: Params, state: State, info: SensorInfo) -> tuple[State, 
 
 
 def on_image(params: Params, state: State, image: TactileImage) -> tuple[State, Outputs]:
-    """Normal, curvatures and verdict of one touch."""
-    assert state.pad is not None
-    pose = Pose.from_array(image.pose)
-    axes = pose.axes
-    pad = state.pad
+    """Normal, curvatures and kind of the surface under one touch."""
+    pad, pose = state.pad, Pose.from_array(image.pose)
+    assert pad is not None
     surface = pad.surface(image.compression, image.mask)
     if image.fault == "none":
-        along = axes.T @ image.direction
-        found = touch.fit_patch(pad, surface, image.mask, along, state.noise, state.estimator)
+        direction = pose.axes.T @ image.direction
+        fit = touch.fit_patch(pad, surface, image.mask, direction, state.noise, state.estimator)
     else:
-        found = touch.Patch("invalid", fault=image.fault)
-    cut = np.zeros_like(image.mask) if found.cut is None else found.cut
-    height, mask = np.where(cut, 0.0, surface), image.mask & ~cut
-    met = touch.surface_points(pad, pose, height, mask, found.jet)
+        fit = touch.Patch("invalid", fault=image.fault)
+    is_cut = np.zeros_like(image.mask) if fit.cut is None else fit.cut
+    height, mask = np.where(is_cut, 0.0, surface), image.mask & ~is_cut
+    contacts = touch.surface_points(pad, pose, height, mask, fit.jet)
     patch = SurfacePatch(
         goal=image.goal,
         touch=image.touch,
@@ -87,26 +87,33 @@ def on_image(params: Params, state: State, image: TactileImage) -> tuple[State, 
         advance=image.advance,
         height=height,
         mask=mask,
-        points=met.points,
-        normals=met.normals,
-        jet=np.zeros(0) if found.jet is None else found.jet.coefficients,
-        jet_scale=1.0 if found.jet is None else found.jet.scale,
-        normal=axes @ found.normal,
-        normal_error=found.normal_error,
-        k1=found.principal[0],
-        k2=found.principal[1],
-        k1_error=found.principal_error[0],
-        k2_error=found.principal_error[1],
-        principal_direction=axes @ found.principal_direction,
-        umbilic=found.umbilic,
-        curvature_across=found.across,
-        curvature_across_error=found.across_error,
-        kind=found.kind,
-        fault=found.fault,
-        confidence=found.confidence,
-        residual=found.residual,
+        points=contacts.points,
+        normals=contacts.normals,
+        fault=fit.fault,
+        **_local_surface(fit, pose),
     )
     return state, [("/touch/patch", patch)]
+
+
+def _local_surface(fit: touch.Patch, pose: Pose) -> dict[str, Any]:
+    """Fields of a patch for the fitted surface, in the world."""
+    return {
+        "jet": np.zeros(0) if fit.jet is None else fit.jet.coefficients,
+        "jet_scale": 1.0 if fit.jet is None else fit.jet.scale,
+        "normal": pose.axes @ fit.normal,
+        "normal_error": fit.normal_error,
+        "k1": fit.principal[0],
+        "k2": fit.principal[1],
+        "k1_error": fit.principal_error[0],
+        "k2_error": fit.principal_error[1],
+        "principal_direction": pose.axes @ fit.principal_direction,
+        "umbilic": fit.umbilic,
+        "curvature_across": fit.across,
+        "curvature_across_error": fit.across_error,
+        "kind": fit.kind,
+        "confidence": fit.confidence,
+        "residual": fit.residual,
+    }
 
 
 NODE = Node(

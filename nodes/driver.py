@@ -1,4 +1,4 @@
-"""Driver node: publishes the frames of a file, in the simulator's place, as if taken now."""
+"""Driver node: publishes the frames of a file in place of the simulator."""
 
 from __future__ import annotations
 
@@ -25,23 +25,23 @@ from palpate.nodes.specs.frames import (
 class Params(SensorParams, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What the launch file may set."""
 
-    path: str  # File of frames, CSV or NPZ; its columns: docs/own_node.md
-    # Frames per second, where the file has no times, Hz.
+    path: str  # file of frames, CSV or NPZ; its columns: docs/own_node.md
+    # Frame rate if the file has no times [Hz].
     rate: Annotated[float, Meta(gt=0, le=1e4, description="Hz")] = 10.0
-    at_once: bool = False  # Publish all as fast as they are received, without waiting
+    at_once: bool = False  # publish frames as fast as they are received
 
 
 def frames_of(params: Params) -> FrameSequence:
-    """The frames that will be published; ValueError with file and line if it cannot be used."""
+    """The frames of the file; ValueError with file and line if it cannot be used."""
     try:
         changed = Path(params.path).stat().st_mtime_ns
     except OSError:
-        changed = 0  # reading it says what is wrong
+        changed = 0  # reading it raises the error
     return _read_once(params.path, changed, params.sensor.rows, params.sensor.cols)
 
 
 def outputs_of(params: Params) -> Mapping[str, type]:
-    """Topics and types; refuses a file that could not be published, before anything is started."""
+    """Topics and types; ValueError for an unusable file, before anything is started."""
     frames = frames_of(params)
     deepest = int(frames.images.max(axis=(1, 2)).argmax()) if params.values == "compression" else 0
     tactile_frame(params, deepest, 0.0, frames.poses[deepest], frames.images[deepest])
@@ -49,7 +49,7 @@ def outputs_of(params: Params) -> Mapping[str, type]:
 
 
 def open_file(params: Params) -> Iterator[Timed | Finished | None]:
-    """The sensor, each frame at its time, and that there are no more."""
+    """The sensor, each frame at its time, and the end of the sequence."""
     frames = frames_of(params)
     times = frames.times
     if times is None:
@@ -58,7 +58,7 @@ def open_file(params: Params) -> Iterator[Timed | Finished | None]:
     time, placements = 0.0, frames.placements.tolist()
     for touch, time in enumerate((times - times[0]).tolist()):
         due = 0.0 if params.at_once else time
-        pose, image, placement = (one[touch] for one in (frames.poses, frames.images, placements))
+        pose, image, placement = frames.poses[touch], frames.images[touch], placements[touch]
         frame = tactile_frame(params, touch, time, pose, image, placement)
         yield Timed(due, "/touch/raw", frame)
     ended = SequenceEnd(frames=len(frames.images), robot_time=time)
@@ -68,7 +68,7 @@ def open_file(params: Params) -> Iterator[Timed | Finished | None]:
 
 @lru_cache(maxsize=1)
 def _read_once(path: str, changed: int, rows: int, cols: int) -> FrameSequence:
-    """The frames of a file, read again only if it has changed."""
+    """The frames of a file, which is read again only if it has changed."""
     return read_frames(path, rows, cols)
 
 

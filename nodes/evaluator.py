@@ -1,6 +1,6 @@
 """Evaluator node: measures each model against the truth, which only a simulation has.
 
-Silent until it has the truth; then a score for each model, and the end after the final one.
+It publishes a score for each model, and ends after the final one.
 """
 
 from __future__ import annotations
@@ -16,51 +16,52 @@ from palpate.core.steps import Steps
 from palpate.messages.types import Score, ShapeModel, Truth
 from palpate.nodes.runtime.node import Deferred, Finished, Node, Outputs
 
-EVERY = 20  # A model on the way is measured by one sample in so many, the final one by all
-NO_GENUS = -1  # Genus of a surface that is not closed: it has none
+NO_GENUS = -1  # genus of a surface that is not closed
 
 
 class Params(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Nothing to set: distances are measured the same way everywhere."""
+    """No parameters."""
 
 
 class TrueSurface:
-    """The truth, made ready to be compared with, by all its samples and by a few of them.
+    """The true surface, sampled for comparisons.
 
-    Raises ValueError if it is no surface, or has no volume.
+    Models before the final one are compared by one in `thinning` samples. Raises ValueError if the
+    truth is no surface, or has no volume.
     """
 
-    def __init__(self, truth: Truth) -> None:
+    def __init__(self, truth: Truth, thinning: int = 20) -> None:
         self.height = truth.height
         self.exposed = (
             -math.inf if truth.platform is None else truth.platform + PLACES.standing_height
         )
         solid = geometry.solidity(truth.vertices, truth.faces)
-        self.volume = solid.volume  # m3
+        self.volume = solid.volume  # [m^3]
         self.genus = NO_GENUS if solid.genus is None else solid.genus
         if not self.volume > 0.0:
             raise ValueError(f"the truth must have a positive volume, got {self.volume} m3")
-        whole = geometry.prepare_surface(truth.vertices, truth.faces)
-        other = geometry.prepare_surface(truth.floor_vertices, truth.floor_faces)
-        # By how many times fewer samples: the surface, and the Chamfer distance between two
-        # tessellations of it, m.
-        self.prepared = {every: whole.thinned(every) for every in (1, EVERY)}
+        surface = geometry.prepare_surface(truth.vertices, truth.faces)
+        second = geometry.prepare_surface(truth.floor_vertices, truth.floor_faces)
+        # By thinning of the samples: the surface, and the Chamfer distance of two tessellations
+        # [m].
+        self.thinning = thinning
+        self.prepared = {n: surface.thinned(n) for n in (1, thinning)}
         self.floors = {
-            every: geometry.compare_surfaces(one, other.thinned(every)).chamfer
-            for every, one in self.prepared.items()
+            n: geometry.compare_surfaces(thinned, second.thinned(n)).chamfer
+            for n, thinned in self.prepared.items()
         }
 
 
-State = TrueSurface | None  # The truth; None before it was received
+State = TrueSurface | None  # None before the truth is received
 
 
 def take_truth(params: Params, state: State, truth: Truth) -> tuple[State, Outputs]:
-    """Keep the truth. Raises ValueError if the truth is no surface, or has no volume."""
+    """Remember the truth; ValueError if it is no surface, or has no volume."""
     return TrueSurface(truth), []
 
 
 def take_model(params: Params, state: State, model: ShapeModel) -> tuple[State, Outputs]:
-    """Measure one model; one without faces has no score.
+    """Measure one model; a model without faces has no score.
 
     Raises ValueError if the truth has not been received, or the model is no surface.
     """
@@ -75,10 +76,10 @@ def take_model(params: Params, state: State, model: ShapeModel) -> tuple[State, 
 
 
 def _score(truth: TrueSurface, model: ShapeModel, _: Steps) -> Score:
-    every = 1 if model.final else EVERY
-    samples = geometry.SAMPLES // every
+    thinning = 1 if model.final else truth.thinning
+    samples = geometry.SAMPLES // thinning
     rebuilt = geometry.prepare_surface(model.vertices, model.faces, samples)
-    distances = geometry.compare_surfaces(truth.prepared[every], rebuilt, truth.exposed)
+    distances = geometry.compare_surfaces(truth.prepared[thinning], rebuilt, truth.exposed)
     solid = geometry.solidity(model.vertices, model.faces)
     return Score(
         number=model.number,
@@ -92,7 +93,7 @@ def _score(truth: TrueSurface, model: ShapeModel, _: Steps) -> Score:
         normal=distances.normal_deg,
         volume_error=solid.volume / truth.volume - 1.0,
         size=truth.height,
-        sampling_floor=truth.floors[every],
+        sampling_floor=truth.floors[thinning],
         watertight=solid.watertight,
         genus=NO_GENUS if solid.genus is None else solid.genus,
         true_genus=truth.genus,

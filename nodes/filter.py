@@ -14,30 +14,30 @@ from palpate.messages.types import ParameterEvent, SensorInfo, TactileFrame, Tac
 from palpate.nodes.runtime.node import Node, Outputs
 from palpate.nodes.specs.sensors import calibration_of_info, pad_of_info
 
-ADVANCE = 3  # Of the parts of a move, the way towards the object
+ADVANCE_INDEX = 3  # of the approach in the parts of a move, `MoveParts`
 
 
 class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What the launch file may set."""
 
-    # Which filters, and which of them first: auto, none, wiener, median, median-first or
-    # wiener-first. auto leaves a frame as it is unless it shows impulses; then it fits robustly.
+    # Filters in their order: auto, none, wiener, median, median-first or wiener-first. auto leaves
+    # a frame unchanged unless it has impulses; then it fits robustly.
     order: FilterOrder = "auto"
-    # Least compression that counts as touched, m, however quiet the sensor is.
+    # Minimum compression that counts as contact, also for a quiet sensor [m].
     contact: Annotated[float, Meta(gt=0, le=0.001, description="m")] = CONTACT
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class State:
-    """The sensor, and what was received last."""
+    """The sensor, and the last frame."""
 
-    pad: Pad  # The sensor's array
-    noise: float  # Standard deviation of one taxel, m
-    calibration: Calibration  # What its signal means
-    lost: Bools | None  # Taxels that it does not trust, (rows, cols); None if it trusts all
+    pad: Pad
+    noise: float  # standard deviation of one taxel [m]
+    calibration: Calibration  # of the signal
+    lost: Bools | None  # unreliable taxels, (rows, cols); None if there are none
     # Goal and touch of the last frame: a link may deliver a frame twice.
     last: tuple[int, int] = (-1, -1)
-    before: Floats | None = None  # Compression that the last frame reported, (rows, cols), m
+    before: Floats | None = None  # compression of the last frame, (rows, cols) [m]
 
 
 def calibrate(params: Params, state: State | None, info: SensorInfo) -> tuple[State, Outputs]:
@@ -48,9 +48,9 @@ def calibrate(params: Params, state: State | None, info: SensorInfo) -> tuple[St
 
 
 def take_frame(params: Params, state: State, frame: TactileFrame) -> tuple[State, Outputs]:
-    """Signal to compression, noise and impulses removed, touched taxels marked.
+    """Convert a frame to compression, remove noise and impulses, and mark touched taxels.
 
-    Raises ValueError if the frame is no image of the sensor's array, or no times in seconds.
+    Raises ValueError if the frame is no image of the sensor's array, or its times are not in s.
     """
     if state.last == (frame.goal, frame.touch):
         return state, []
@@ -76,7 +76,7 @@ def take_frame(params: Params, state: State, frame: TactileFrame) -> tuple[State
         pose=frame.pose,
         outcome=frame.outcome,
         robot_time=frame.robot_time,
-        advance=float(frame.move[ADVANCE]),
+        advance=float(frame.move[ADVANCE_INDEX]),
         compression=cleaned.compression,
         mask=cleaned.touched,
         impulses=cleaned.impulses,

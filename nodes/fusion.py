@@ -20,7 +20,7 @@ from palpate.messages.types import SensorInfo, SurfacePatch
 from palpate.nodes.runtime.node import Node, Outputs
 from palpate.nodes.specs.sensors import pad_of_info
 
-MEASURED = "/touch/measured"  # Where the curvature node's patches go instead of to the tracer
+MEASURED = "/touch/measured"  # topic of the curvature node's patches in this graph
 
 
 class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -31,7 +31,7 @@ class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 
 class State(NamedTuple):
-    """What is known so far."""
+    """The pad and the last fused curvature."""
 
     width: float = 0.0  # Of the pad [m]
     fused: touch.FusedCurvature | None = None  # Of the touches that overlap
@@ -39,13 +39,13 @@ class State(NamedTuple):
 
 
 def know_sensor(params: Params, state: State, info: SensorInfo) -> tuple[State, Outputs]:
-    """Remember how wide the pad is."""
+    """Remember the width of the pad."""
     pad = pad_of_info(info)
     return state._replace(width=pad.pitch * max(pad.rows, pad.cols)), []
 
 
 def take_patch(params: Params, state: State, patch: SurfacePatch) -> tuple[State, Outputs]:
-    """Fuse a smooth patch with those that it overlaps; hand on all others as they are."""
+    """Fuse a smooth patch with those that it overlaps; other patches are passed unchanged."""
     if patch.kind != "smooth" or not len(patch.points):
         return state._replace(fused=None), [("/touch/patch", patch)]
     measured, before = _measured(patch), state.fused
@@ -61,17 +61,17 @@ def _overlaps(
     params: Params, state: State, patch: SurfacePatch, measured: touch.LocalCurvature
 ) -> bool:
     assert state.fused is not None
-    away = np.linalg.norm(measured.point - state.fused.place.point)
-    return bool(patch.goal == state.goal and away < params.overlap * state.width)
+    distance = np.linalg.norm(measured.point - state.fused.place.point)
+    return bool(patch.goal == state.goal and distance < params.overlap * state.width)
 
 
 def _measured(patch: SurfacePatch) -> touch.LocalCurvature:
-    """The curvature that a patch tells of, in its principal directions."""
+    """The curvature of a patch in its principal directions."""
     tangent = patch.principal_direction
     tangents = np.stack([tangent, np.cross(patch.normal, tangent)])
     shape = touch.ShapeOperator(tangents, patch.normal, (patch.k1, 0.0, patch.k2))
-    one, two = patch.k1_error**2, patch.k2_error**2
-    covariance = np.diag([one, 0.25 * (one + two), two])
+    v1, v2 = patch.k1_error**2, patch.k2_error**2
+    covariance = np.diag([v1, 0.25 * (v1 + v2), v2])
     return touch.LocalCurvature(patch.points.mean(axis=0), shape, covariance)
 
 

@@ -1,6 +1,6 @@
-"""Planner node: what it receives becomes an `Exploration`, and goals become messages.
+"""Planner node: turns its messages into an `Exploration`, and goals into messages.
 
-What is decided, and why, stands in `palpate.core.explore`.
+The decisions are made in `palpate.core.explore`.
 """
 
 from __future__ import annotations
@@ -25,33 +25,33 @@ from palpate.nodes.planning.knowledge import (
     plan_done,
 )
 from palpate.nodes.runtime.node import Deferred, Node, NotReadyError, Outputs
-from palpate.nodes.specs.sensors import CONTACT_ERROR, pad_of_info, resolution_of_info
+from palpate.nodes.specs.frames import MAX_TURNS
+from palpate.nodes.specs.sensors import SENSING, pad_of_info, resolution_of_info
 
 Length = Annotated[float, Meta(gt=0, le=1, description="m")]
-MOST_TURNS = 8
 
 
 class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What the launch file may set."""
 
-    # The rule that chooses slices or touches: predicted, touches, uniform, thesis, fuzzy, or one's
+    # Rule that chooses slices or touches: predicted, touches, uniform, thesis, fuzzy, or a user's
     # own, ``module:Class``.
     planner: str = "predicted"
-    settings: dict[str, Any] = {}  # Its numbers
-    tolerance: Length = 0.2e-3  # Root mean square error that is asked for, m
-    # Largest height that may stay untouched, m; null: 100 times the tolerance.
+    settings: dict[str, Any] = {}  # of the rule
+    tolerance: Length = 0.2e-3  # requested root mean square error [m]
+    # Largest allowed untouched height [m]; null: 100 times the tolerance.
     feature: Length | None = None
-    # Touches that may be made; null for as many as it takes.
+    # Maximum number of touches; null: no limit.
     most_touches: Annotated[int, Meta(ge=1)] | None = None
-    # Robot time that may pass, s; null for as long as it takes.
+    # Maximum robot time [s]; null: no limit.
     most_seconds: Annotated[float, Meta(gt=0, description="s")] | None = None
-    # Whether single touches look for the object's ends; else slices and grasp alone tell of them.
+    # Whether single touches locate the object's ends; otherwise only slices and grasp do.
     touch_ends: bool = True
-    # What the object stands on, which nothing can touch: taken for flat, or asked to be known.
+    # The underside, which cannot be touched: assumed flat, or required to be known.
     underside: explore.Underside = "flat"
-    # Times that the object may be turned over, where that lets more of it be touched.
-    turns: Annotated[int, Meta(ge=0, le=MOST_TURNS)] = 1
-    # Along which the object is sliced, in the world, of any length; null for its own axis.
+    # How often the object may be turned over to touch more of it.
+    turns: Annotated[int, Meta(ge=0, le=MAX_TURNS)] = 1
+    # Slicing axis in the world, of any length; null: the object's own axis.
     axis: tuple[float, float, float] | None = None
 
     def __post_init__(self) -> None:
@@ -64,18 +64,18 @@ class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
     @property
     def rule(self) -> planners.Planner:
-        """The rule that chooses slices."""
-        made: planners.Planner = planners.make_planner(self.planner, self.settings)
-        return made
+        """The rule that chooses slices or touches."""
+        rule: planners.Planner = planners.make_planner(self.planner, self.settings)
+        return rule
 
     @property
     def makes_single_touches(self) -> bool:
-        """Whether the rule chooses single touches: then there are no slices to make a solid of."""
+        """Whether the rule chooses single touches, and no slices."""
         return bool(getattr(self.rule, "single_touches", False))
 
     @property
     def direction(self) -> Floats | None:
-        """The slicing axis that is asked for, a unit vector; None if none is."""
+        """The requested slicing axis as a unit vector; None if there is none."""
         if self.axis is None:
             return None
         axis = np.array(self.axis) / np.abs(self.axis).max()
@@ -83,7 +83,7 @@ class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
     @property
     def demand(self) -> explore.Demand:
-        """What is asked of the exploration."""
+        """The demand on the exploration."""
         return explore.Demand(
             tolerance=self.tolerance,
             feature=self.feature or explore.SURVEYING.feature_ratio * self.tolerance,
@@ -96,34 +96,34 @@ class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class State:
-    """What the planner has received."""
+    """The demand and the exploration."""
 
-    demand: explore.Demand  # as of the last model
+    demand: explore.Demand  # at the last model
     rule: planners.Planner
     world: types.World | None = None
     info: types.SensorInfo | None = None
-    known: explore.Exploration | None = None  # once both are known
+    known: explore.Exploration | None = None  # None until world and sensor are known
 
     @property
     def explored(self) -> explore.Exploration:
-        """What is known since the exploration began."""
+        """The exploration, which has begun."""
         assert self.known is not None
         return self.known
 
 
 def know_sensor(params: Params, state: State, info: types.SensorInfo) -> tuple[State, Outputs]:
-    """Remember the sensor; ValueError if the tolerance is below what it tells."""
+    """Remember the sensor; ValueError if the tolerance is below its resolution."""
     _check_tolerance(state.demand.tolerance, resolution_of_info(info))
     return _begun(params, replace(state, info=info))
 
 
 def know_world(params: Params, state: State, world: types.World) -> tuple[State, Outputs]:
-    """Remember where the object stands."""
+    """Remember the world."""
     return _begun(params, replace(state, world=world))
 
 
 def _begun(params: Params, state: State) -> tuple[State, Outputs]:
-    """Close the hand for the first time, as soon as the world and the sensor are known."""
+    """Close the hand for the first time when world and sensor are known."""
     world, info = state.world, state.info
     if world is None or info is None or state.known is not None:
         return state, []
@@ -133,7 +133,7 @@ def _begun(params: Params, state: State) -> tuple[State, Outputs]:
         robot=RobotPreset.of_array(world.robot) if len(world.robot) else None,
         pad_width=info.pitch * max(info.rows, info.cols),
         resolution=resolution_of_info(info),
-        contact_error=CONTACT_ERROR,
+        contact_error=SENSING.contact_error,
         goals=explore.GoalSettings(touch_ends=params.touch_ends),
     )
     known = explore.Exploration(
@@ -147,13 +147,13 @@ def _begun(params: Params, state: State) -> tuple[State, Outputs]:
 def _check_tolerance(tolerance: float, resolution: float) -> None:
     if tolerance < resolution:
         raise ValueError(
-            f"tolerance is {tolerance} m; it must be at least what the sensor can tell, "
+            f"tolerance is {tolerance} m; it must be at least the resolution of the sensor, "
             f"{resolution:g} m"
         )
 
 
 def check_demand(params: Params, state: State) -> None:
-    """Refuse, by a ValueError, a demand that cannot be met any more."""
+    """Raise ValueError for a demand that is exceeded already."""
     known = state.known
     if known is None:
         raise NotReadyError("the planner does not know its sensor yet")
@@ -172,13 +172,13 @@ def check_demand(params: Params, state: State) -> None:
 def take_contacts(
     params: Params, state: State, contacts: types.GraspContacts
 ) -> tuple[State, Outputs]:
-    """Remember what the hand met."""
+    """Remember the contacts of the hand."""
     points, normals = contacts.points, contacts.normals
     return _act(state, explore.with_contacts(state.explored, points, normals, contacts.robot_time))
 
 
 def take_turned(params: Params, state: State, turned: types.Turned) -> tuple[State, Outputs]:
-    """Find out how the object lies now."""
+    """Locate the object after it was turned over."""
     return _act(state, explore.with_turned(state.explored, turned.robot_time))
 
 
@@ -189,7 +189,7 @@ def take_coarse(params: Params, state: State, coarse: types.Superquadric) -> tup
 
 
 def take_clock(params: Params, state: State, clock: types.FingerClock) -> tuple[State, Outputs]:
-    """Remember how far a finger has come: an earlier result may be free to be taken up."""
+    """Remember the robot time of a finger, after which earlier results may be used."""
     known = state.explored
     finger = known.fingers[clock.finger]._replace(clock=clock.robot_time)
     return _take_up(state, known.with_finger(clock.finger, finger))
@@ -198,7 +198,7 @@ def take_clock(params: Params, state: State, clock: types.FingerClock) -> tuple[
 def take_result(
     params: Params, state: State, message: types.Contour | types.Probe
 ) -> tuple[State, Outputs]:
-    """Remember what a finger has finished, until its turn comes."""
+    """Remember the result of a finger until all earlier results are used."""
     known = state.explored
     finger = known.fingers[message.finger]
     assert finger.task is not None
@@ -234,9 +234,9 @@ def _traced(contour: types.Contour, task: explore.Task) -> explore.TracedContour
 
 
 def take_model(params: Params, state: State, model: types.ShapeModel) -> tuple[State, Outputs]:
-    """Decide what comes next, now that the model with the last result is known.
+    """Decide on the next goals with the model of the last result.
 
-    Until the next model, what is asked is what was asked last when this one came.
+    The current demand is used until the next model.
     """
     if model.final:
         return state, []
@@ -254,7 +254,7 @@ def take_model(params: Params, state: State, model: types.ShapeModel) -> tuple[S
         return _act(state, known)
     observation = known.observation(state.demand)
     state, outputs = _act(state, known)
-    # Nobody waits for what is said of it.
+    # The estimate delays no goal.
     estimate = Deferred(
         types.PlanEstimate, lambda step: _estimate(model, planners.estimate_error(observation))
     )
@@ -279,9 +279,9 @@ def _uncertainty(model: types.ShapeModel) -> explore.ModelUncertainty:
 def _surface(
     state: State, model: types.ShapeModel, pose: Pose | None
 ) -> planners.ObservedSurface | None:
-    """The model as planners of single touches are told of it; None if nothing tells of errors.
+    """The model for planners of single touches; None if it states no errors.
 
-    `pose`: of the object in the world; None where nobody knows: then it is told of as at first.
+    `pose`: of the object in the world; None if unknown: then it is given as it lay at first.
     """
     assert state.world is not None and state.info is not None
     known, before = state.explored, state.explored.model
@@ -304,7 +304,7 @@ def _surface(
 
 
 def _take_up(state: State, known: explore.Exploration) -> tuple[State, Outputs]:
-    """Take up the result whose turn it is, and act on it; wait while it is nobody's."""
+    """Use the earliest result, and act on it; wait while an earlier one may come."""
     finger = known.next_finger
     if finger is None:
         return replace(state, known=known), []
@@ -312,7 +312,7 @@ def _take_up(state: State, known: explore.Exploration) -> tuple[State, Outputs]:
 
 
 def _act(state: State, known: explore.Exploration) -> tuple[State, Outputs]:
-    """Send the goals that follow from what is known, and from each result that waited for them."""
+    """Send the next goals, and use results that had to wait for them."""
     outputs: Outputs = []
     while True:
         for goal in explore.goals(known, state.demand, state.rule):
@@ -325,7 +325,7 @@ def _act(state: State, known: explore.Exploration) -> tuple[State, Outputs]:
 
 
 def _messages(goal: explore.Goal, known: explore.Exploration, demand: explore.Demand) -> Outputs:
-    """Topics and messages of a goal that was given out."""
+    """Topics and messages of a goal."""
     match goal:
         case explore.CloseHand():
             return [("/hand/goal", _grasp_goal(goal, known))]
@@ -334,7 +334,7 @@ def _messages(goal: explore.Goal, known: explore.Exploration, demand: explore.De
         case explore.MakeModel():
             return [("/model/goal", _model_goal(known))]
         case explore.Done():
-            return _last_words(goal.reason, known, demand)
+            return _done(goal.reason, known, demand)
         case explore.Task():
             return [_task_goal(goal, known.surveyed.frame.pose, known.lying.placement)]
 
@@ -397,7 +397,7 @@ def _probe_goal(task: explore.Task, pose: Pose, reach: float, placement: int) ->
 
 
 def _model_goal(known: explore.Exploration) -> types.ModelGoal:
-    """A model of all that there is."""
+    """A request for a model of all results."""
     survey = known.survey
     return types.ModelGoal(
         number=known.model.number,
@@ -405,7 +405,7 @@ def _model_goal(known: explore.Exploration) -> types.ModelGoal:
         probes=known.probes,
         arcs=() if survey is None else survey.arcs,
         failed=survey is not None and survey.failed,
-        missed=tuple(one.number for one in known.singles if one.outcome == "miss"),
+        missed=tuple(single.number for single in known.singles if single.outcome == "miss"),
         general=known.model.general,
         closings=known.hand.closings,
         touches=known.touches,
@@ -413,8 +413,8 @@ def _model_goal(known: explore.Exploration) -> types.ModelGoal:
     )
 
 
-def _last_words(reason: str, known: explore.Exploration, demand: explore.Demand) -> Outputs:
-    """That it is over, and how good the solid is."""
+def _done(reason: str, known: explore.Exploration, demand: explore.Demand) -> Outputs:
+    """The end of the exploration, with the error of the solid."""
     goal = _model_goal(known)
     if known.survey is None:
         return [("/plan/done", plan_done(goal, reason, planners.Findings(), demand.limits))]

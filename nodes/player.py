@@ -1,4 +1,4 @@
-"""Player node: publishes again what a recording holds, each message when its time has come."""
+"""Player node: publishes the messages of a recording at their times."""
 
 from __future__ import annotations
 
@@ -14,25 +14,23 @@ from palpate.messages.types import ALL_KEPT, LATCHED, TYPES, Clock
 from palpate.nodes.runtime.node import Finished, Source, Timed
 
 CLOCK_TOPIC = "/clock"
-LOOP_PAUSE = 1.0  # Pause before a recording begins anew, s of the recording
 
 
 class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What the launch file may set."""
 
-    path: str  # The recording
-    topics: tuple[str, ...] = ()  # Topics to play; all of them if there are none
-    # Seconds of the recording that pass in a second.
+    path: str  # of the recording
+    topics: tuple[str, ...] = ()  # to play; empty: all
+    # Time of the recording per wall time.
     rate: Annotated[float, Meta(gt=0, le=1e6)] = 1.0
-    loop: bool = False  # Whether it begins anew at its end
-    # Begins so many s after the recording's first message; latched messages from before that are
-    # published first.
+    loop: bool = False  # whether it is played again at its end
+    # Start time after the first message [s]; earlier latched messages are published first.
     start_offset: Annotated[float, Meta(ge=0, description="s")] = 0.0
-    # Ends so many s after the recording's first message.
+    # End time after the first message [s].
     until: Annotated[float, Meta(gt=0, description="s")] | None = None
-    # Publishes the recording's time on ``/clock`` so often in a second; 0 never does.
+    # Rate of messages with the recording's time on ``/clock`` [Hz]; 0: none.
     clock: Annotated[float, Meta(ge=0, le=1000)] = 0.0
-    paused: bool = False  # Whether it waits at its beginning to be told to go on
+    paused: bool = False  # whether it is paused at the beginning
 
     def __post_init__(self) -> None:
         if self.until is not None and self.until <= self.start_offset:
@@ -42,9 +40,9 @@ class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 
 def outputs(params: Params) -> Mapping[str, type]:
-    """Topics of the recording that are played, and their types.
+    """Types of the played messages by topic.
 
-    ValueError if it cannot be read, has no such topic, or types of another version.
+    Raises ValueError if it cannot be read, has no such topic, or types of another version.
     """
     recording = open_recording(Path(params.path))
     for topic in params.topics:
@@ -55,8 +53,11 @@ def outputs(params: Params) -> Mapping[str, type]:
     return {**published, CLOCK_TOPIC: Clock} if params.clock else published
 
 
-def play(params: Params) -> Iterator[Timed | Finished]:
-    """Publish what the recording holds: what was latched before the beginning, then the rest."""
+def play(params: Params, loop_pause: float = 1.0) -> Iterator[Timed | Finished]:
+    """Publish latched messages from before the start, then the messages of the recording.
+
+    Between two loops there is a pause of `loop_pause`, in time of the recording [s].
+    """
     recording = open_recording(Path(params.path))
     played = _played(params, recording)
     number, begun = 0, 0.0
@@ -69,7 +70,7 @@ def play(params: Params) -> Iterator[Timed | Finished]:
         if not params.loop or number == 0:
             yield Finished(f"played {number} messages" + (f" in {turn + 1} turns" if turn else ""))
             return
-        begun = end + LOOP_PAUSE / params.rate
+        begun = end + loop_pause / params.rate
 
 
 def _played(params: Params, recording: Recording) -> frozenset[str]:
@@ -78,7 +79,7 @@ def _played(params: Params, recording: Recording) -> frozenset[str]:
 
 
 def _turn(params: Params, recording: Recording, played: frozenset[str]) -> Iterator[Timed]:
-    """The recording once; due counts from its beginning, in s of the recording."""
+    """The recording once; times are from its start, in time of the recording [s]."""
     before: dict[tuple[str, int], bytes] | None = {}
     first = latest = 0
     for kept in recording.messages():
@@ -91,7 +92,7 @@ def _turn(params: Params, recording: Recording, played: frozenset[str]) -> Itera
             continue
         if time < params.start_offset and before is not None:
             cls = TYPES.get(kept.type)
-            if cls in LATCHED:  # the last of its topic counts, or all of them
+            if cls in LATCHED:  # the last message of its topic, or all
                 before[kept.topic, kept.seq if cls in ALL_KEPT else 0] = kept.body
             continue
         yield from _latched(before)
@@ -105,11 +106,11 @@ def _latched(before: dict[tuple[str, int], bytes] | None) -> Iterator[Timed]:
 
 
 def _with_clock(turn: Iterator[Timed], params: Params) -> Iterator[Timed]:
-    """Ticks of the clock between the messages; it ticks in the player's own time."""
-    tick, every = 0, params.rate / params.clock if params.clock else 0.0
+    """The messages, with those of the clock between them at the times of the player."""
+    tick, period = 0, params.rate / params.clock if params.clock else 0.0
     for published in turn:
-        while every and tick * every <= published.due:
-            yield Timed(tick * every, CLOCK_TOPIC, Clock(time=params.start_offset + tick * every))
+        while period and tick * period <= published.due:
+            yield Timed(tick * period, CLOCK_TOPIC, Clock(time=params.start_offset + tick * period))
             tick += 1
         yield published
 

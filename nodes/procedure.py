@@ -1,7 +1,7 @@
-"""Procedure node: an exploratory procedure in the planner's and the tracer's place.
+"""Procedure node: an exploratory procedure in place of planner and tracer.
 
-What a procedure does, and why, stands in `palpate.core.procedures`; here its moves become goals of
-the fingers and the hand, and its findings messages. Moves of several fingers begin together.
+Procedures are defined in `palpate.core.procedures`. The node turns their moves into goals of
+fingers and hand, and their findings into messages. Moves of several fingers begin together.
 """
 
 from __future__ import annotations
@@ -43,8 +43,6 @@ if TYPE_CHECKING:
     )
     from palpate.core.rebuild.recovery import Recovery
 
-HEIGHTS, AZIMUTHS = 100, 144  # At which a generalised cone is told
-
 Metres = Annotated[float, Meta(ge=0, le=0.01, description="m")]
 Radians = Annotated[float, Meta(ge=0, le=0.1, description="rad")]
 
@@ -52,14 +50,14 @@ Radians = Annotated[float, Meta(ge=0, le=0.1, description="rad")]
 class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What the launch file may set."""
 
-    # containment, planar, follower, fearing, openings, or one's own, ``module:function``.
+    # containment, planar, follower, fearing, openings, or a user's own, ``module:function``.
     procedure: str
-    settings: dict[str, Any] = {}  # Its numbers
-    most_touches: Annotated[int, Meta(ge=1, le=100_000)] = 1000  # Touches that may be made
-    # Standard deviation of a finger's place along each axis, m: what is three times as far off a
-    # model refutes it.
+    settings: dict[str, Any] = {}  # of the procedure
+    most_touches: Annotated[int, Meta(ge=1, le=100_000)] = 1000  # maximum number of touches
+    # Standard deviation of fingertip positions along each axis [m]: a contact that is three times
+    # as far from a model refutes it.
     point_error: Metres = POINT_ERROR
-    angle_error: Radians = ANGLE_ERROR  # Standard deviation of how a finger is turned, rad
+    angle_error: Radians = ANGLE_ERROR  # standard deviation of fingertip angles [rad]
 
     def __post_init__(self) -> None:
         try:
@@ -70,29 +68,29 @@ class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class State:
-    """What the node remembers between two messages."""
+    """The procedure and its results so far."""
 
     world: types.World | None = None
     info: types.SensorInfo | None = None
-    session: Session | None = None  # The procedure; None until world and sensor are known
-    results: tuple[Met, ...] = ()  # What its moves met
-    # Finger to what its move has met, while others are still under way.
+    session: Session | None = None  # of the procedure; None until world and sensor are known
+    results: tuple[Met, ...] = ()  # of its moves
+    # Results by finger while other fingers are still moving.
     pending: Mapping[int, types.SurfacePatch] = field(default_factory=dict)
-    under_way: int = 0  # Fingers that move
-    moves: int = 0  # Moves of fingers asked for
-    closings: int = 0  # Of the hand
-    touches: int = 0  # Of all fingers
-    contacts: int = 0  # Of the hand
-    clock: float = 0.0  # Robot time spent, s
+    under_way: int = 0  # number of moving fingers
+    moves: int = 0  # number of requested moves of fingers
+    closings: int = 0  # of the hand
+    touches: int = 0  # of all fingers
+    contacts: int = 0  # of the hand
+    clock: float = 0.0  # robot time [s]
 
 
 def know_sensor(params: Params, state: State, info: types.SensorInfo) -> tuple[State, Outputs]:
-    """Remember the sensor, and begin when the world is known, too."""
+    """Remember the sensor, and begin when the world is known."""
     return _begin(params, replace(state, info=info))
 
 
 def know_world(params: Params, state: State, world: types.World) -> tuple[State, Outputs]:
-    """Remember the world, and begin when the sensor is known, too."""
+    """Remember the world, and begin when the sensor is known."""
     return _begin(params, replace(state, world=world))
 
 
@@ -109,13 +107,15 @@ def _begin(params: Params, state: State) -> tuple[State, Outputs]:
         angle_error=params.angle_error,
     )
     session = begin_procedure(params.procedure, params.settings, setting)
-    return _go_on(params, replace(state, session=session))
+    return _next_move(params, replace(state, session=session))
 
 
 def take_patch(params: Params, state: State, patch: types.SurfacePatch) -> tuple[State, Outputs]:
-    """Keep what a finger met; go on once all have met something, or nothing."""
+    """Keep the result of a finger; continue when all moving fingers have one."""
     if patch.goal != state.moves - 1 or patch.finger > state.under_way:
-        raise ValueError(f"nobody asked for touch {patch.touch} of goal {patch.goal}")
+        raise ValueError(
+            f"unexpected touch {patch.touch} of goal {patch.goal}: no such touch was requested"
+        )
     pending = {**state.pending, patch.finger: patch}
     clock = max(state.clock, patch.robot_time)
     state = replace(state, pending=pending, clock=clock, touches=state.touches + 1)
@@ -123,18 +123,18 @@ def take_patch(params: Params, state: State, patch: types.SurfacePatch) -> tuple
         return state, []
     assert state.info is not None
     patches = [pending[number + 1] for number in range(state.under_way)]
-    met = tuple(_contact(state.info, one) for one in patches)
+    contacts = tuple(_contact(state.info, item) for item in patches)
     probes: Outputs = [
-        ("/probe/traced", _probe(state, one, contact))
-        for one, contact in zip(patches, met, strict=True)
+        ("/probe/traced", _probe(state, item, contact))
+        for item, contact in zip(patches, contacts, strict=True)
     ]
-    state = replace(state, results=(*state.results, met), pending={}, under_way=0)
-    state, outputs = _go_on(params, state)
+    state = replace(state, results=(*state.results, contacts), pending={}, under_way=0)
+    state, outputs = _next_move(params, state)
     return state, [*probes, *outputs]
 
 
 def _probe(state: State, patch: types.SurfacePatch, contact: Contact) -> types.Probe:
-    """What a finger met, for whoever follows the exploration."""
+    """The contact of a finger as a probe, for displays."""
     point = contact.middle if contact.met else patch.pose[:3]
     number = MAX_FINGERS * patch.goal + patch.finger
     return types.Probe(
@@ -150,7 +150,7 @@ def _probe(state: State, patch: types.SurfacePatch, contact: Contact) -> types.P
 
 
 def _contact(info: types.SensorInfo, patch: types.SurfacePatch) -> Contact:
-    """What a finger met, world frame."""
+    """The contact of a finger in the world."""
     pad = pad_of_info(info)
     points = hollow = np.zeros((0, 3))
     pose = Pose.from_array(patch.pose)
@@ -175,9 +175,9 @@ def _contact(info: types.SensorInfo, patch: types.SurfacePatch) -> Contact:
 def take_contacts(
     params: Params, state: State, contacts: types.GraspContacts
 ) -> tuple[State, Outputs]:
-    """Go on with what the hand met."""
+    """Continue with the contacts of the hand."""
     if contacts.number != state.closings - 1:
-        raise ValueError(f"nobody asked for closing {contacts.number}")
+        raise ValueError(f"unexpected closing {contacts.number}: it was not requested")
     met = HandContacts(contacts.points, contacts.normals, contacts.fingers, contacts.robot_time)
     state = replace(
         state,
@@ -185,23 +185,23 @@ def take_contacts(
         contacts=state.contacts + len(contacts.points),
         clock=max(state.clock, contacts.robot_time),
     )
-    return _go_on(params, state)
+    return _next_move(params, state)
 
 
-def _go_on(params: Params, state: State) -> tuple[State, Outputs]:
-    """Ask for the next move, or tell what was found."""
+def _next_move(params: Params, state: State) -> tuple[State, Outputs]:
+    """Request the next move, or publish the findings."""
     assert state.session is not None and state.world is not None
     step = state.session.after(state.results)
     if isinstance(step, Findings):
-        return state, _told(params, state, step)
+        return state, _findings_outputs(params, state, step)
     if not isinstance(step, tuple) or not isinstance(step[0], FingerMove):
         return _close(state, step)
     if len(step) > state.world.fingers:
         why = f"it needs {len(step)} fingers at once, and there are {state.world.fingers}"
-        return state, _told(params, state, Findings(status="unsuited", reason=why))
+        return state, _findings_outputs(params, state, Findings(status="unsuited", reason=why))
     if state.touches + len(step) > params.most_touches:
         why = f"{params.most_touches} touches were not enough"
-        return state, _told(params, state, Findings(status="incomplete", reason=why))
+        return state, _findings_outputs(params, state, Findings(status="incomplete", reason=why))
     goals: Outputs = [
         ("/finger/goal", _touch_goal(state, number, move))
         for number, move in enumerate(step, start=1)
@@ -236,8 +236,8 @@ def _close(state: State, move: HandMove) -> tuple[State, Outputs]:
     return replace(state, closings=state.closings + 1), [("/hand/goal", goal)]
 
 
-def _told(params: Params, state: State, findings: Findings) -> Outputs:
-    """The findings, their model and its surface, and the end where nobody measures it."""
+def _findings_outputs(params: Params, state: State, findings: Findings) -> Outputs:
+    """The findings, their model and its surface, and the end of graphs without evaluator."""
     spent: dict[str, Any] = {"touches": state.touches, "robot_time": state.clock}
     result = types.ProcedureResult(
         procedure=params.procedure,
@@ -249,8 +249,9 @@ def _told(params: Params, state: State, findings: Findings) -> Outputs:
     )
     outputs: Outputs = []
     if findings.shape is not None:
-        topic, told = MODELS.get(type(findings.shape).__name__, ("", None))
-        outputs += [] if told is None else [(topic, told(findings.shape))]  # one's own has none
+        topic, convert = MODELS.get(type(findings.shape).__name__, ("", None))
+        # A user's own model has no message.
+        outputs += [] if convert is None else [(topic, convert(findings.shape))]
     mesh: dict[str, Any] = {} if findings.mesh is None else findings.mesh._asdict()
     shape = types.ShapeModel(
         number=0,
@@ -268,84 +269,85 @@ def _told(params: Params, state: State, findings: Findings) -> Outputs:
     return [*outputs, ("/procedure/result", result), ("/model/shape", shape), done]
 
 
-def _superquadric(found: Recovery) -> types.Superquadric:
+def _superquadric(recovery: Recovery) -> types.Superquadric:
     return types.Superquadric(
         number=0,
-        size=found.size,
-        exponents=found.exponents,
-        pose=found.pose,
-        taper=found.taper,
-        warnings=found.warnings,
-        residuals=found.residuals,
-        rank=found.rank,
-        bend=found.bend.curvature,
-        bend_direction=found.bend.direction,
-        residual=found.rms,
+        size=recovery.size,
+        exponents=recovery.exponents,
+        pose=recovery.pose,
+        taper=recovery.taper,
+        warnings=recovery.warnings,
+        residuals=recovery.residuals,
+        rank=recovery.rank,
+        bend=recovery.bend.curvature,
+        bend_direction=recovery.bend.direction,
+        residual=recovery.rms,
     )
 
 
-def _boundary(found: BoundaryModel) -> types.BoundaryRepresentation:
-    edges = found.polyhedron.edges
+def _boundary(model: BoundaryModel) -> types.BoundaryRepresentation:
+    edges = model.polyhedron.edges
     return types.BoundaryRepresentation(
-        vertices=found.vertices,
+        vertices=model.vertices,
         edge_vertices=edges.ends,
         edge_faces=edges.faces,
         edge_before=edges.before,
         edge_after=edges.after,
         face_begins=edges.begins,
         face_corners=edges.corners,
-        face_normals=np.array([plane.normal for plane in found.planes]),
-        face_offsets=np.array([plane.offset for plane in found.planes]),
-        face_touches=np.array(found.touches, np.int32),
-        residual=found.rms,
+        face_normals=np.array([plane.normal for plane in model.planes]),
+        face_offsets=np.array([plane.offset for plane in model.planes]),
+        face_touches=np.array(model.touches, np.int32),
+        residual=model.rms,
     )
 
 
-def _cone(found: ConeFit) -> types.GeneralisedCone:
-    heights = np.linspace(found.low, found.high, HEIGHTS)
-    azimuths = 2.0 * np.pi * np.arange(AZIMUTHS) / AZIMUTHS
-    around = found.radius(np.full(AZIMUTHS, heights[0]), azimuths)
-    zero = found.radius(heights, np.zeros(HEIGHTS))
+def _cone(fit: ConeFit, n_heights: int = 100, n_azimuths: int = 144) -> types.GeneralisedCone:
+    """The cone by radii at even heights, and a section at even azimuths."""
+    heights = np.linspace(fit.low, fit.high, n_heights)
+    azimuths = 2.0 * np.pi * np.arange(n_azimuths) / n_azimuths
+    around = fit.radius(np.full(n_azimuths, heights[0]), azimuths)
+    zero = fit.radius(heights, np.zeros(n_heights))
     section = around / around.mean()
     return types.GeneralisedCone(
-        kind=found.kind,
-        point=found.point,
-        axis=found.axis,
-        axis_error=found.axis_error,
-        azimuth_zero=found.across[:, 0],
+        kind=fit.kind,
+        point=fit.point,
+        axis=fit.axis,
+        axis_error=fit.axis_error,
+        azimuth_zero=fit.across[:, 0],
         heights=heights,
         radii=zero / section[0],
         section=section,
-        residual=found.rms,
+        residual=fit.rms,
     )
 
 
-def _cone_pose(found: ConePoseFit) -> types.ConePose:
+def _cone_pose(fit: ConePoseFit) -> types.ConePose:
     return types.ConePose(
-        axis=found.orientation.axis,
-        phi=found.orientation.phi,
-        psi=found.orientation.psi,
-        axis_error=float(np.sqrt(np.linalg.eigvalsh(found.orientation.covariance)[-1])),
-        apex=found.origin.point,
-        apex_covariance=found.origin.covariance,
-        half_angles=np.array(found.half_angles),
-        features=tuple(one.name for one in found.features),
-        interpretations=found.interpretations,
-        residual_sigma=found.residual_sigma,
+        axis=fit.orientation.axis,
+        phi=fit.orientation.phi,
+        psi=fit.orientation.psi,
+        axis_error=float(np.sqrt(np.linalg.eigvalsh(fit.orientation.covariance)[-1])),
+        apex=fit.origin.point,
+        apex_covariance=fit.origin.covariance,
+        half_angles=np.array(fit.half_angles),
+        features=tuple(feature.name for feature in fit.features),
+        interpretations=fit.interpretations,
+        residual_sigma=fit.residual_sigma,
     )
 
 
-def _openings(found: FoundOpenings) -> types.Openings:
+def _openings(result: FoundOpenings) -> types.Openings:
     return types.Openings(
-        kinds=tuple(one.kind for one in found.openings),
-        places=np.array([one.place for one in found.openings]).reshape(-1, 3),
-        axes=np.array([one.axis for one in found.openings]).reshape(-1, 3),
-        widths=np.array([one.width for one in found.openings]),
-        depths=np.array([one.depth for one in found.openings]),
+        kinds=tuple(opening.kind for opening in result.openings),
+        places=np.array([opening.place for opening in result.openings]).reshape(-1, 3),
+        axes=np.array([opening.axis for opening in result.openings]).reshape(-1, 3),
+        widths=np.array([opening.width for opening in result.openings]),
+        depths=np.array([opening.depth for opening in result.openings]),
     )
 
 
-# Of what a procedure recovers, by its class: the topic and what makes the message.
+# Topic of a recovered model by its class, and the function that makes the message.
 MODELS: Mapping[str, tuple[str, Callable[[Any], object] | None]] = {
     "Recovery": ("/model/coarse", _superquadric),
     "BoundaryModel": ("/model/boundary", _boundary),

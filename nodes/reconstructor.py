@@ -1,7 +1,7 @@
-"""Reconstructor node: rebuilds exactly the sets that it is asked for.
+"""Reconstructor node: rebuilds the requested sets of contours and probes.
 
-A set of contours and probes gives a solid; closings of the hand alone give a superquadric. It
-is fitted once all of it has been received, whichever input brings the last of it.
+A set of contours and probes gives a solid; closings of the hand alone give a superquadric. A set is
+fitted when all of it has been received, on whichever input.
 """
 
 from __future__ import annotations
@@ -35,18 +35,16 @@ from palpate.nodes.rebuilding.received import (
 from palpate.nodes.runtime.node import Deferred, Node, Outputs
 from palpate.nodes.specs.sensors import pad_of_info
 
-KEPT = 4  # Fitted solids that are kept: the last ones
-
 
 class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What the launch file may set."""
 
-    quality: Literal["draft", "normal", "fine"] = "normal"  # Of the final model's mesh
-    # best: a solid of the slices or a general one, whichever predicts touches better; thesis: the
-    # thesis's shell and core of the contours, with no bound of its error.
+    quality: Literal["draft", "normal", "fine"] = "normal"  # of the final mesh
+    # best: a solid of the slices or a general one, whichever predicts touches better; thesis: shell
+    # and core of the contours as in the thesis, without an error bound.
     method: Way = "best"
-    # The coarse model: free, with exponents, taper and bend as contacts tell; or three, the best of
-    # the thesis's sphere, box and cylinder.
+    # The coarse model: free, with exponents, taper and bend fitted; or three, the best of the
+    # thesis's sphere, box and cylinder.
     coarse: Literal["free", "three"] = "free"
 
     def __post_init__(self) -> None:
@@ -66,7 +64,7 @@ def know_sensor(params: Params, state: State, info: types.SensorInfo) -> tuple[S
 
 
 def take_patch(params: Params, state: State, patch: types.SurfacePatch) -> tuple[State, Outputs]:
-    """Keep what a touch measured."""
+    """Keep the contacts of a touch."""
     points = ContactPoints.of_touch(patch.points, patch.normals)
     of_goal = {**state.touches.get(patch.goal, {}), patch.touch: points}
     state = replace(state, touches={**state.touches, patch.goal: of_goal})
@@ -76,15 +74,15 @@ def take_patch(params: Params, state: State, patch: types.SurfacePatch) -> tuple
 
 
 def _with_swept(state: State, patch: types.SurfacePatch) -> State:
-    """With the space that a touch has swept, and where its pad touched nothing."""
+    """The state with the space that a touch swept, and the places that its pad spanned."""
     pad, space = state.pad, state.space
     assert pad is not None and space is not None
-    pose, met = Pose.from_array(patch.pose), patch.outcome in TOUCHED_OUTCOMES
+    pose, is_touched = Pose.from_array(patch.pose), patch.outcome in TOUCHED_OUTCOMES
     start = pose.advanced(-patch.advance)
-    places = swept_places(pad, start, pose, space.step, touched=met)
-    found = untouched_places(pad, pose, patch.mask, patch.points, patch.normals)
+    places = swept_places(pad, start, pose, space.step, touched=is_touched)
+    untouched = untouched_places(pad, pose, patch.mask, patch.points, patch.normals)
     before = state.untouched.get(patch.goal, ())
-    state = replace(state, untouched={**state.untouched, patch.goal: (*before, found)})
+    state = replace(state, untouched={**state.untouched, patch.goal: (*before, untouched)})
     if patch.placement:
         later = (*state.swept_places.get(patch.goal, ()), places)
         return replace(state, swept_places={**state.swept_places, patch.goal: later})
@@ -95,16 +93,16 @@ def _with_swept(state: State, patch: types.SurfacePatch) -> State:
 def take_contacts(
     params: Params, state: State, received: types.GraspContacts
 ) -> tuple[State, Outputs]:
-    """Keep what the hand met."""
-    each = np.arange(len(received.points), dtype=np.int32)
-    met = ContactPoints(received.points, received.normals, each)
+    """Keep the contacts of the hand."""
+    touches = np.arange(len(received.points), dtype=np.int32)
+    points = ContactPoints(received.points, received.normals, touches)
     placements = {**state.closing_placements, received.number: received.placement}
-    contacts = {**state.contacts, received.number: met}
+    contacts = {**state.contacts, received.number: points}
     return _fit_ready(replace(state, contacts=contacts, closing_placements=placements))
 
 
 def take_turn(params: Params, state: State, turn: types.TurnGoal) -> tuple[State, Outputs]:
-    """Remember how the object is to lie."""
+    """Remember the requested pose of a turn."""
     turns = {**state.turns, turn.placement: Pose.from_array(turn.pose)}
     return _fit_ready(replace(state, turns=turns))
 
@@ -120,14 +118,14 @@ def take_probe(params: Params, state: State, probe: types.Probe) -> tuple[State,
 
 
 def take_goal(params: Params, state: State, goal: Goal) -> tuple[State, Outputs]:
-    """Fit a set, at once or when all of it has been received; one that is fitted not again."""
-    if any(goal.number == one.number for one in state.history):
+    """Fit a set when all of it has been received; a fitted set is not fitted again."""
+    if any(goal.number == earlier.number for earlier in state.history):
         return state, []
     return _fit_ready(replace(state, asked=(*state.asked, goal)))
 
 
 def _fit_ready(state: State) -> tuple[State, Outputs]:
-    """Fit the models whose turn has come, in the order of their numbers."""
+    """Fit the models whose sets are complete, in the order of their numbers."""
     outputs: Outputs = []
     asked = sorted(state.asked, key=lambda goal: goal.number)
     while asked and is_complete(state, asked[0]):
@@ -145,14 +143,14 @@ def _fit_ready(state: State) -> tuple[State, Outputs]:
 
 
 def _coarse(state: State, goal: types.ModelGoal, step: Steps) -> types.Superquadric:
-    contacts = [one.points for one in closings_in(state, goal, 0)]
+    contacts = [closing.points for closing in closings_in(state, goal, 0)]
     with step("superquadric"):
-        met = np.concatenate([np.zeros((0, 3)), *contacts])
-        return coarse_model(goal.number, met, three_shapes=state.three_shapes)
+        points = np.concatenate([np.zeros((0, 3)), *contacts])
+        return coarse_model(goal.number, points, three_shapes=state.three_shapes)
 
 
 def _space(state: State, goal: Goal, step: Steps) -> types.SpaceMap:
-    """The map that goes with a model."""
+    """The map of space for a model."""
     assert state.space is not None
     seen = seen_state(state, goal, step)
     with step("space"):
@@ -160,22 +158,23 @@ def _space(state: State, goal: Goal, step: Steps) -> types.SpaceMap:
     return types.SpaceMap(number=goal.number, low=space.low, step=space.step, states=space.states)
 
 
-def _fit(state: State, goal: Goal, step: Steps) -> types.ShapeModel:
-    found = published_solid(state, goal, step)
-    for number in sorted(state.fitted)[:-KEPT]:
+def _fit(state: State, goal: Goal, step: Steps, max_kept: int = 4) -> types.ShapeModel:
+    """The model of a set; the last `max_kept` fitted solids are kept."""
+    published = published_solid(state, goal, step)
+    for number in sorted(state.fitted)[:-max_kept]:
         del state.fitted[number]
-    general, placements = found.candidates.general, found.candidates.placements
+    general, placements = published.candidates.general, published.candidates.placements
     with step("bound"):
         mistaken = 0.0 if general is None else mistaken_error(general.solid, placements)
     return shape_model(
         goal,
-        found.candidates,
-        found.solid,
-        found.predicted,
+        published.candidates,
+        published.solid,
+        published.predicted,
         far_from_touch(seen_state(state, goal, step), goal),
         state.quality if is_final(goal) else None,
         step,
-        found.rejected,
+        published.rejected,
         mistaken,
     )
 
@@ -209,9 +208,5 @@ NODE = Node(
     },
     needs=("/world", "/touch/info"),
     fan_in=("/touch/patch", "/contour/traced", "/probe/traced"),
-    optional=(
-        "/hand/contacts",
-        "/hand/turn",
-        "/contour/traced",
-    ),  # touches of a driver come without
+    optional=("/hand/contacts", "/hand/turn", "/contour/traced"),  # a driver has none
 )

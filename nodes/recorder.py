@@ -1,4 +1,4 @@
-"""Recorder node: keeps every reliable message in one MCAP file, undecoded."""
+"""Recorder node: writes all reliable messages into one MCAP file, undecoded."""
 
 from __future__ import annotations
 
@@ -18,12 +18,11 @@ from palpate.nodes.runtime.node import Sink, publishers_of, schemas_of
 class Params(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What the launch file may set."""
 
-    path: str  # File to write; it must not exist
-    graph: bytes = b""  # Description of the graph, by `describe_wirings`; the launcher fills it in
-    # Texts that are kept with the messages, by name; scene, launch file, seed and versions are
-    # filled in.
+    path: str  # of the new file
+    graph: bytes = b""  # description of the graph by `describe_wirings`, set by the launcher
+    # Texts in the file by name; the launcher adds scene, launch file, seed and versions.
     about: dict[str, str] = {}
-    # Bytes that are left free on the disk: before there are fewer, the recording is closed.
+    # Space that stays free on the disk, before the recording is closed [bytes].
     spare: Annotated[int, Meta(ge=0)] = 64 << 20
 
     def __post_init__(self) -> None:
@@ -39,7 +38,7 @@ def start_recording(params: Params, types: Mapping[str, str]) -> RecordingWriter
     further = part_path(Path(params.path), 1)
     if further.exists():
         raise FileExistsError(
-            errno.EEXIST, f"recording {further} is there already, of another run; take it away"
+            errno.EEXIST, f"recording {further} of another run exists already; remove it"
         )
     return _recording(params, types, Path(params.path))
 
@@ -47,7 +46,7 @@ def start_recording(params: Params, types: Mapping[str, str]) -> RecordingWriter
 def resume_recording(
     params: Params, types: Mapping[str, str]
 ) -> tuple[RecordingWriter, Mapping[str, int]]:
-    """Go on in a further file, with what the files before it hold of each topic.
+    """Continue in a further file; returns numbers of earlier messages by topic, too.
 
     Raises ValueError if a topic's type is unknown; OSError if the file cannot be written.
     """

@@ -1,4 +1,4 @@
-"""Simulator node, the only one that knows the object: moves finger and hand, reads the taxels."""
+"""Simulator node: knows the object, moves finger and hand, and reads the taxels."""
 
 from __future__ import annotations
 
@@ -33,27 +33,32 @@ from palpate.nodes.specs.sensors import (
     sensed_face,
 )
 
-FIRST_HAND_FINGER = 1001  # Of the hand: it chooses other random numbers than the exploring ones
-NO_SURFACE_PATH = -1.0  # Way along the surface where there was none
-TRUTH_LEVEL, FLOOR_LEVEL = 6, 5  # 82k and 20k faces
+FIRST_HAND_FINGER = 1001  # number of a finger of the hand, which selects its random numbers
+NO_SURFACE_PATH = -1.0  # length of a path along the surface if there is none, as in `MoveParts`
 IDENTITY = Pose.from_array(IDENTITY_POSE)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TruthSettings:
+    """Subdivisions of the meshes of the true surface, of 82k and 20k faces."""
+
+    mesh_level: int = 6
+    floor_level: int = 5  # of the second mesh, which gives the sampling floor
 
 
 class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What the launch file may set."""
 
-    object: ObjectSpec  # What stands on the platform
-    sensor: SensorSpec = SensorSpec()  # What touches it
-    # What disturbs it: parameters by the effect's name; nothing else is simulated.
-    effects: EffectSpecs = {}
-    # The finger reaches this far sideways from the axis and up from the platform, m; as far as the
-    # object asks for if left out.
+    object: ObjectSpec  # on the platform
+    sensor: SensorSpec = SensorSpec()
+    effects: EffectSpecs = {}  # disturbances of the sensor: parameters by name of the effect
+    # Reach sideways from the axis and upwards from the platform [m]; fitted to the object if None.
     reach: Length | None = None
-    robot: str = "modern"  # Preset of the robot's speeds: modern or puma
-    seed: Seed = 0  # The run's seed
-    # The finger that it moves; the first has the hand as well, and tells what all may know.
+    robot: str = "modern"  # preset of the robot's speeds: modern or puma
+    seed: Seed = 0  # of the run
+    # Finger that it moves; the first one also has the hand, and publishes world, sensor and truth.
     finger: Finger = 1
-    fingers: Finger = 1  # How many fingers there are, each with a simulator of its own
+    fingers: Finger = 1  # number of fingers, each with its own simulator
 
     def __post_init__(self) -> None:
         if self.finger > self.fingers:
@@ -64,48 +69,48 @@ class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
     @property
     def reach_of_finger(self) -> float:
-        """The reach, fitted to the object if none is given, m."""
+        """The reach, fitted to the object if it is None [m]."""
         return fitted_reach(self.object) if self.reach is None else self.reach
 
 
 class LastContact(NamedTuple):
-    """Where a touch met the object."""
+    """Last contact of the finger."""
 
-    goal: int  # Contour or probe that it belonged to
-    place: Floats  # Where the pad then was, (3,), m
+    goal: int  # contour or probe of the touch
+    place: Floats  # position of the pad, (3,) [m]
 
 
 class HandState(NamedTuple):
-    """The hand, and what its fingertips remember."""
+    """The hand and its fingertips."""
 
-    fingers: tuple[Pipeline, ...]  # With the scene's effects, own random numbers each; palm last
-    remembered: tuple[StageStates, ...]  # What their stages remember of the closings before
-    closings: int  # Closings made
-    resting: Pose | None  # Of the hand at the last of them
-    advanced: float  # How far a finger had been brought in for it, the farthest, m
+    fingers: tuple[Pipeline, ...]  # with own random numbers each; the palm is last
+    remembered: tuple[StageStates, ...]  # states of their stages after earlier closings
+    closings: int  # number of closings
+    resting: Pose | None  # of the hand at the last closing
+    advanced: float  # largest advance of a finger before the last closing [m]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class State:
-    """The object, the finger, and what the finger remembers."""
+    """The object, the finger and the hand."""
 
-    shape: Shape  # What is touched
-    pipeline: Pipeline  # What touches, stage by stage
-    remembered: StageStates  # What the stages remember of the touches before
-    touches: int = 0  # Touches made
-    clock: float = 0.0  # Robot time, s
-    resting: Pose | None = None  # Where the last touch started: the finger returns to it
-    met: LastContact | None = None  # Where the last touch ended, if it met the object
-    hand: HandState | None = None  # The hand, once it was used
-    platform: float = 0.0  # Height on which the object stands, m
-    placement: int = 0  # How often the object has been turned over
-    upright: Shape | None = None  # The object as it stood at first, once it was turned over
-    lies: Pose = IDENTITY  # How it lies now, from how it stood at first
-    waiting: tuple[types.TouchGoal, ...] = ()  # Touches of later placements
+    shape: Shape  # of the object
+    pipeline: Pipeline  # stages of the fingertip
+    remembered: StageStates  # states of the stages after earlier touches
+    touches: int = 0  # number of touches
+    clock: float = 0.0  # robot time [s]
+    resting: Pose | None = None  # start of the last touch, to which the finger returns
+    contact: LastContact | None = None  # of the last touch, if it met the object
+    hand: HandState | None = None  # None before its first use
+    platform: float = 0.0  # height of the platform [m]
+    placement: int = 0  # number of times that the object was turned over
+    upright: Shape | None = None  # the object before the first turn, if it was turned over
+    lies: Pose = IDENTITY  # pose relative to that before the first turn
+    waiting: tuple[types.TouchGoal, ...] = ()  # touches of later placements
 
 
 def start(params: Params) -> tuple[State, Outputs]:
-    """Build the object; the first finger's tells what a robot would know, and the truth."""
+    """Build the object; for the first finger, publish world, sensor and truth."""
     shape = build_shape(params.object)
     pipeline = build_pipeline(
         params.sensor, params.effects, ROBOT_PRESETS[params.robot], params.finger, params.seed
@@ -128,10 +133,10 @@ def start(params: Params) -> tuple[State, Outputs]:
     ]
 
 
-def _truth(shape: Shape, platform: float) -> types.Truth:
+def _truth(shape: Shape, platform: float, settings: TruthSettings = TruthSettings()) -> types.Truth:
     low, high = shape.bounds()
-    vertices, faces = shape.mesh(TRUTH_LEVEL)
-    floor_vertices, floor_faces = shape.mesh(FLOOR_LEVEL)
+    vertices, faces = shape.mesh(settings.mesh_level)
+    floor_vertices, floor_faces = shape.mesh(settings.floor_level)
     return types.Truth(
         vertices=vertices,
         faces=faces,
@@ -143,9 +148,9 @@ def _truth(shape: Shape, platform: float) -> types.Truth:
 
 
 def touch(params: Params, state: State, goal: types.TouchGoal) -> tuple[State, Outputs]:
-    """One guarded move and its frame, sent as often as the link delivers it.
+    """Make a guarded move; its frame is sent as often as the link delivers it.
 
-    Where all fingers have one topic of goals, each takes its own.
+    Where all fingers share one topic of goals, goals of other fingers are ignored.
     """
     if not 1 <= goal.finger <= params.fingers:
         raise ValueError(
@@ -154,13 +159,33 @@ def touch(params: Params, state: State, goal: types.TouchGoal) -> tuple[State, O
         )
     if goal.finger != params.finger:
         return state, []
-    if goal.placement > state.placement:  # nobody knows which of two publishers is heard first
+    if goal.placement > state.placement:  # the goal may arrive before the turn
         return replace(state, waiting=(*state.waiting, goal)), []
-    pipeline, robot = state.pipeline, ROBOT_PRESETS[params.robot]
+    robot, pose = ROBOT_PRESETS[params.robot], Pose.from_array(goal.pose)
     begun = max(state.clock, goal.not_before)
-    pose = Pose.from_array(goal.pose)
     travel, turn = move_between(state.resting, pose)
     starts = begun + free_seconds(robot, travel=travel, turn=turn)
+    done, remembered = _guarded_move(state, goal, pose, starts)
+    delay = max(done.time - starts - contact_seconds(robot, done.advance), 0.0)
+    contact = LastContact(goal.goal, done.believed.position) if done.outcome in HITS else None
+    paths = (travel, turn, done.advance, _surface_path(state.contact, contact))
+    array = state.pipeline.finger.calibration.encode(done.reading)
+    frame = _frame(goal, done, array, np.array([begun - state.clock + delay, *paths]))
+    state = replace(
+        state,
+        remembered=remembered,
+        touches=state.touches + 1,
+        clock=done.time,
+        resting=pose,
+        contact=contact,
+    )
+    return state, [("/touch/raw", frame)] * done.copies
+
+
+def _guarded_move(
+    state: State, goal: types.TouchGoal, pose: Pose, starts: float
+) -> tuple[SimulatedTouch, StageStates]:
+    """The simulated touch, and the states of the fingertip's stages after it."""
     done = SimulatedTouch(
         shape=state.shape,
         number=state.touches,
@@ -171,21 +196,7 @@ def touch(params: Params, state: State, goal: types.TouchGoal) -> tuple[State, O
         begun=starts,
         previous=state.clock,
     )
-    remembered = pipeline.simulate(done, state.remembered)
-    late = max(done.time - starts - contact_seconds(robot, done.advance), 0.0)
-    met = LastContact(goal.goal, done.believed.position) if done.outcome in HITS else None
-    ways = (travel, turn, done.advance, _along(state.met, met))
-    array = pipeline.finger.calibration.encode(done.reading)
-    frame = _frame(goal, done, array, np.array([begun - state.clock + late, *ways]))
-    state = replace(
-        state,
-        remembered=remembered,
-        touches=state.touches + 1,
-        clock=done.time,
-        resting=pose,
-        met=met,
-    )
-    return state, [("/touch/raw", frame)] * done.copies
+    return done, state.pipeline.simulate(done, state.remembered)
 
 
 def _frame(
@@ -206,7 +217,7 @@ def _frame(
 
 
 def take_grasp(params: Params, state: State, goal: types.GraspGoal) -> tuple[State, Outputs]:
-    """Close the hand, and say where it met the object."""
+    """Close the hand, and publish its contacts."""
     from palpate.core.explore.grasp import Closing, Hand, close_hand
 
     shape = Hand(
@@ -220,9 +231,9 @@ def take_grasp(params: Params, state: State, goal: types.GraspGoal) -> tuple[Sta
     robot, begun = ROBOT_PRESETS[params.robot], max(state.clock, goal.not_before)
     pose = Pose.from_array(goal.pose)
     travel, turn = move_between(hand.resting, pose)
-    travel += hand.advanced + advanced  # the fingers open, and come near, as fast as the arm
-    there = begun + free_seconds(robot, travel=travel, turn=turn)
-    closing = Closing(hand.closings, there, state.clock)
+    travel += hand.advanced + advanced  # fingers open and advance at the speed of the arm
+    starts = begun + free_seconds(robot, travel=travel, turn=turn)
+    closing = Closing(hand.closings, starts, state.clock)
     grasp, remembered = close_hand(
         state.shape, hand.fingers, hand.remembered, shape, pose, state.platform, closing
     )
@@ -242,54 +253,57 @@ def take_grasp(params: Params, state: State, goal: types.GraspGoal) -> tuple[Sta
     return replace(state, hand=used, clock=clock), [("/hand/contacts", contacts)]
 
 
-def turn_over(params: Params, state: State, goal: types.TurnGoal) -> tuple[State, Outputs]:
-    """Set the object down on another side, as well as the hand can; touches that wait follow."""
+def turn_over(
+    params: Params,
+    state: State,
+    goal: types.TurnGoal,
+    settings: TruthSettings = TruthSettings(),
+) -> tuple[State, Outputs]:
+    """Set the object down on another side, with errors of the hand; then make waiting touches."""
     upright = state.shape if state.upright is None else state.upright
-    asked, robot = Pose.from_array(goal.pose), ROBOT_PRESETS[params.robot]
-    resting = RestingSolid(*upright.mesh(TRUTH_LEVEL))
-    pose = set_down(resting, asked, state.platform, params.seed, goal.placement)
+    requested, robot = Pose.from_array(goal.pose), ROBOT_PRESETS[params.robot]
+    resting = RestingSolid(*upright.mesh(settings.mesh_level))
+    pose = set_down(resting, requested, state.platform, params.seed, goal.placement)
     (travel, grip), turn = turning_way(), rotation_angle(state.lies.axes, pose.axes)
     begun = max(state.clock, goal.not_before)
     clock = begun + free_seconds(robot, travel, turn) + contact_seconds(robot, grip)
     move = np.array([begun - state.clock, travel, turn, grip, NO_SURFACE_PATH])
     turned = types.Turned(placement=goal.placement, move=move, robot_time=clock)
-    waiting, state = (
-        state.waiting,
-        replace(
-            state,
-            shape=PosedShape(upright, pose),
-            upright=upright,
-            lies=pose,
-            placement=goal.placement,
-            clock=clock,
-            met=None,
-            waiting=(),
-        ),
+    waiting = state.waiting
+    state = replace(
+        state,
+        shape=PosedShape(upright, pose),
+        upright=upright,
+        lies=pose,
+        placement=goal.placement,
+        clock=clock,
+        contact=None,
+        waiting=(),
     )
     outputs: Outputs = [("/hand/turned", turned)] if params.finger == 1 else []
-    for one in waiting:
-        state, more = touch(params, state, one)
+    for touch_goal in waiting:
+        state, more = touch(params, state, touch_goal)
         outputs += more
     return state, outputs
 
 
 def _hand(params: Params, state: State, fingers: int) -> HandState:
-    """The hand as it was left, or a new one if it has another number of fingers."""
+    """The hand as it is, or a new one if another number of fingers is requested."""
     if state.hand is not None and len(state.hand.fingers) == fingers + 1:
         return state.hand
     robot = ROBOT_PRESETS[params.robot]
-    made = tuple(
+    pipelines = tuple(
         build_pipeline(params.sensor, params.effects, robot, finger=number, seed=params.seed)
         for number in range(FIRST_HAND_FINGER, FIRST_HAND_FINGER + fingers + 1)
     )
-    return HandState(made, tuple(one.begin() for one in made), 0, None, 0.0)
+    return HandState(pipelines, tuple(p.begin() for p in pipelines), 0, None, 0.0)
 
 
-def _along(before: LastContact | None, now: LastContact | None) -> float:
-    """Way from the last contact, m; `NO_SURFACE_PATH` if the surface does not join them."""
-    if before is None or now is None or before.goal != now.goal:
+def _surface_path(previous: LastContact | None, contact: LastContact | None) -> float:
+    """Distance from the previous contact [m]; `NO_SURFACE_PATH` if it belongs to another goal."""
+    if previous is None or contact is None or previous.goal != contact.goal:
         return NO_SURFACE_PATH
-    return float(np.linalg.norm(now.place - before.place))
+    return float(np.linalg.norm(contact.place - previous.place))
 
 
 NODE = Node(
@@ -310,6 +324,6 @@ NODE = Node(
         "/hand/contacts": types.GraspContacts,
         "/hand/turned": types.Turned,
     },
-    optional=("/hand/turn",),  # other graphs than those of a planner never turn it over
+    optional=("/hand/turn",),  # only planners turn the object over
     shared=("/world", "/truth", "/touch/info", "/hand/goal", "/hand/contacts", "/hand/turned"),
 )

@@ -1,4 +1,4 @@
-"""Driver node of a live sensor: frames come as lines over a plain TCP connection."""
+"""Driver node of a live sensor, which sends frames as lines over a TCP connection."""
 
 from __future__ import annotations
 
@@ -25,16 +25,15 @@ from palpate.nodes.specs.frames import (
 )
 
 LOOPBACK = "127.0.0.1"
-POLL_TIMEOUT = 0.1  # Longest time for which nothing is published, s
-MAX_LINE_BYTES = 1 << 18  # Longest line, bytes: 64 by 64 taxels take some 100 kB
+MAX_LINE_BYTES = 1 << 18  # of a line: 64 by 64 taxels take about 100 kB
 
 
 class Params(SensorParams, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What the launch file may set."""
 
-    # Where to connect to: a port of this machine, or ``192.0.2.7:5555`` for another one.
+    # Address of the sensor: a port of this machine, or ``192.0.2.7:5555`` for another one.
     address: str
-    # Frames per second, where the lines have no times, Hz.
+    # Frame rate if the lines have no times [Hz].
     rate: Annotated[float, Meta(gt=0, le=1e4, description="Hz")] = 10.0
 
     def __post_init__(self) -> None:
@@ -42,9 +41,9 @@ class Params(SensorParams, frozen=True, kw_only=True, forbid_unknown_fields=True
 
 
 def parse_address(address: str) -> tuple[str, int]:
-    """Address and port, this machine's own if there is none but a port.
+    """Address and port; the address of this machine if only a port is given.
 
-    Raises ValueError if it is no address in numbers, or no port: names would have to be looked up.
+    Raises ValueError if it is no numeric address, or no port.
     """
     host, _, port = address.rpartition(":")
     host = host.replace("localhost", LOOPBACK) or LOOPBACK
@@ -59,21 +58,22 @@ def parse_address(address: str) -> tuple[str, int]:
 
 
 def listen(params: Params) -> Iterator[Timed | Finished | None]:
-    """The sensor, and each frame as it comes, until the other side closes the connection.
+    """The sensor, and each frame as it comes, until the sensor closes the connection.
 
-    ValueError if nobody answers at the address, the connection breaks, or a line is no frame.
+    Raises ValueError if the address cannot be reached, the connection breaks, or a line is no
+    frame.
     """
     yield Timed(0.0, "/touch/info", sensor_info(params))
-    touch, shape, began, first = 0, (params.sensor.rows, params.sensor.cols), 0.0, True
+    touch, shape, began, is_first = 0, (params.sensor.rows, params.sensor.cols), 0.0, True
     time, column, placement = 0.0, None, 0
     for line in _lines(params.address):
         if line is None:
             yield None
             continue
-        header, first = first and is_header(line), False
-        if header:
+        has_header, is_first = is_first and is_header(line), False
+        if has_header:
             column = placement_column(line)
-        if header or not line.strip():
+        if has_header or not line.strip():
             continue
         row = parse_row(line, f"{params.address}: frame {touch}", shape, column, placement)
         placement = row.placement
@@ -86,32 +86,32 @@ def listen(params: Params) -> Iterator[Timed | Finished | None]:
     yield Finished(f"{params.address} closed the connection after {touch} frames")
 
 
-def _lines(address: str) -> Iterator[str | None]:
-    """Lines as they come, None whenever none has come for a while."""
+def _lines(address: str, timeout: float = 0.1) -> Iterator[str | None]:
+    """Lines as they come, and None after each `timeout` [s] without data."""
     with closing(socket.socket(socket.AF_INET, socket.SOCK_STREAM)) as line:
         line.setblocking(False)
         line.connect_ex(parse_address(address))
-        while not select.select((), (line,), (), POLL_TIMEOUT)[1]:
+        while not select.select((), (line,), (), timeout)[1]:
             yield None
         fault = line.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)
         if fault:
             raise ValueError(f"{address}: cannot be reached: {os.strerror(fault)}")
-        held = b""
+        rest = b""
         while True:
-            if not select.select((line,), (), (), POLL_TIMEOUT)[0]:
+            if not select.select((line,), (), (), timeout)[0]:
                 yield None
                 continue
             try:
-                come = line.recv(1 << 16)
+                data = line.recv(1 << 16)
             except OSError as error:
                 raise ValueError(f"{address}: the connection broke: {error.strerror}") from None
-            *whole, held = (held + come).split(b"\n")
-            if not come and held:
-                whole.append(held)
-            yield from (_text(one, address) for one in whole)
-            if not come:
+            *lines, rest = (rest + data).split(b"\n")
+            if not data and rest:
+                lines.append(rest)
+            yield from (_text(text, address) for text in lines)
+            if not data:
                 return
-            if len(held) > MAX_LINE_BYTES:
+            if len(rest) > MAX_LINE_BYTES:
                 raise ValueError(f"{address}: sent a line of more than {MAX_LINE_BYTES >> 10} kB")
 
 

@@ -1,4 +1,4 @@
-"""Tracer node: follows the contours that the planner asks for, and makes its single touches."""
+"""Tracer node: traces the contours and makes the single touches that the planner requests."""
 
 from __future__ import annotations
 
@@ -18,47 +18,43 @@ from palpate.messages import types
 from palpate.nodes.runtime.node import Finger, Node, Outputs
 from palpate.nodes.specs.sensors import pad_of_info
 
-# A touch that started inside the object is repeated from this much farther away, in widths of the
-# pad.
-BACK_OFF = 14.0 / 15.0
-
 
 class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What the launch file may set."""
 
-    # Touches after which a contour is given up.
+    # Maximum number of touches of a contour.
     most_touches: Annotated[int, Meta(ge=10, le=10_000)] = 150
-    # Frames in succession that no surface can have made, after which a contour is given up.
+    # Number of successive invalid frames after which a contour is given up.
     most_faults: Annotated[int, Meta(ge=1, le=1000)] = 3
-    finger: Finger = 1  # The finger that it leads: it takes the goals that name this one
+    finger: Finger = 1  # whose goals it takes
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Job:
-    """A contour or a probe under way."""
+    """A contour or a probe that is being made; a probe has only the goal and touches."""
 
-    goal: types.ContourGoal | types.ProbeGoal  # What was asked for
-    touches: int = 0  # Touches made, repeated ones included
-    frame: Pose | None = None  # Slicing frame of a contour; None for a probe
-    trace: tracing.Trace | None = None  # The contour so far; None for a probe
-    aim: tracing.TouchCommand | None = None  # Where the finger was sent; None for a probe
-    faults: int = 0  # Frames without a surface that came one after the other
+    goal: types.ContourGoal | types.ProbeGoal
+    touches: int = 0  # with repeated ones
+    frame: Pose | None = None  # slicing frame
+    trace: tracing.Trace | None = None  # of the contour so far
+    aim: tracing.TouchCommand | None = None  # of the last touch
+    faults: int = 0  # number of successive invalid frames
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class State:
-    """What the node remembers between two messages."""
+    """The finger, its current job and further goals."""
 
-    fingers: int = 1  # How many there are
-    robot: RobotPreset | None = None  # How fast it is, if that is known
-    resting: Pose | None = None  # From which the last touch was begun
-    pad: Pad | None = None  # The sensor's array
-    job: Job | None = None  # What is under way
-    waiting: tuple[types.ContourGoal | types.ProbeGoal, ...] = ()  # What comes after it
+    fingers: int = 1  # number of fingers
+    robot: RobotPreset | None = None  # with its speeds, if they are known
+    resting: Pose | None = None  # start pose of the last touch
+    pad: Pad | None = None
+    job: Job | None = None
+    waiting: tuple[types.ContourGoal | types.ProbeGoal, ...] = ()  # later goals
 
 
 def know_world(params: Params, state: State, world: types.World) -> tuple[State, Outputs]:
-    """Remember how many fingers there are, and how fast: goals come after it."""
+    """Remember the number of fingers and the speeds of the robot."""
     robot = RobotPreset.of_array(world.robot) if len(world.robot) else None
     return replace(state, fingers=world.fingers, robot=robot), []
 
@@ -71,7 +67,7 @@ def know_sensor(params: Params, state: State, info: types.SensorInfo) -> tuple[S
 def take_goal(
     params: Params, state: State, goal: types.ContourGoal | types.ProbeGoal
 ) -> tuple[State, Outputs]:
-    """Begin with a goal of this finger, or queue it behind the one under way."""
+    """Begin a goal of this finger, or queue it after the current one."""
     if not 1 <= goal.finger <= state.fingers:
         raise ValueError(
             f"goal {goal.id} is for finger {goal.finger}; the fingers are 1 to {state.fingers}"
@@ -84,46 +80,69 @@ def take_goal(
 
 
 def take_patch(params: Params, state: State, patch: types.SurfacePatch) -> tuple[State, Outputs]:
-    """Go on with the goal under way, and tell the other fingers' planner what time it is."""
-    state, outputs = _go_on(params, state, patch)
+    """Continue the current goal; of several fingers, publish the robot time."""
+    state, outputs = _after_touch(params, state, patch)
     if state.fingers > 1:
         clock = types.FingerClock(finger=params.finger, robot_time=patch.robot_time)
         outputs = [*outputs, ("/finger/clock", clock)]
     return state, outputs
 
 
-def _go_on(params: Params, state: State, patch: types.SurfacePatch) -> tuple[State, Outputs]:
-    """Take up what the last touch measured."""
+def _after_touch(params: Params, state: State, patch: types.SurfacePatch) -> tuple[State, Outputs]:
+    """Use the result of the last touch."""
     job = state.job
     if job is None or (patch.goal, patch.touch) != (job.goal.id, job.touches - 1):
-        raise ValueError(f"nobody asked for touch {patch.touch} of goal {patch.goal}")
-    if isinstance(job.goal, types.ProbeGoal):
-        assert state.pad is not None
-        pose, is_invalid = Pose.from_array(patch.pose), patch.kind == "invalid"
-        probe = types.Probe(
-            id=job.goal.id,
-            finger=patch.finger,
-            placement=patch.placement,
-            outcome="miss" if is_invalid else patch.outcome,
-            point=_deepest(state.pad, pose, patch),
-            normal=-pose.axes[:, 2] if is_invalid else patch.normal,
-            touches=1,
-            fault=patch.fault if is_invalid else "none",
-            robot_time=patch.robot_time,
+        raise ValueError(
+            f"unexpected touch {patch.touch} of goal {patch.goal}: no such touch was requested"
         )
+    assert state.pad is not None
+    if isinstance(job.goal, types.ProbeGoal):
+        probe = _probe(state.pad, job.goal, patch)
         return _finish(params, state, ("/probe/traced", probe), patch.robot_time)
+    return _continue_contour(params, state, job, job.goal, patch)
+
+
+def _probe(pad: Pad, goal: types.ProbeGoal, patch: types.SurfacePatch) -> types.Probe:
+    """The result of a single touch; an invalid frame is a miss."""
+    pose, is_invalid = Pose.from_array(patch.pose), patch.kind == "invalid"
+    return types.Probe(
+        id=goal.id,
+        finger=patch.finger,
+        placement=patch.placement,
+        outcome="miss" if is_invalid else patch.outcome,
+        point=_deepest(pad, pose, patch),
+        normal=-pose.axes[:, 2] if is_invalid else patch.normal,
+        touches=1,
+        fault=patch.fault if is_invalid else "none",
+        robot_time=patch.robot_time,
+    )
+
+
+def _continue_contour(
+    params: Params,
+    state: State,
+    job: Job,
+    goal: types.ContourGoal,
+    patch: types.SurfacePatch,
+    back_off_ratio: float = 14.0 / 15.0,
+) -> tuple[State, Outputs]:
+    """Request the next touch of a contour, or report the contour.
+
+    A touch that started inside the object is repeated from farther away, by `back_off_ratio` times
+    the width of the pad.
+    """
     assert job.trace is not None and job.aim is not None and state.pad is not None
     assert job.frame is not None
-    back_off = BACK_OFF * tracing.SliceSpec(state.pad, job.goal.height).width
+    back_off = back_off_ratio * tracing.SliceSpec(state.pad, goal.height).width
     if patch.outcome == "inside" and job.aim.standoff < back_off:
         farther = job.aim._replace(standoff=job.aim.standoff + back_off)
-        return _send(params, state, replace(job, aim=farther), job.goal, patch.robot_time)
+        return _send(params, state, replace(job, aim=farther), goal, patch.robot_time)
     faults = job.faults + 1 if patch.kind == "invalid" else 0
     if faults >= params.most_faults:
-        contour = _contour(job, job.goal, job.trace, "stuck", patch.robot_time)
+        contour = _contour(job, goal, job.trace, "stuck", patch.robot_time)
         broken = replace(contour, fault=patch.fault)
         return _finish(params, state, ("/contour/traced", broken), patch.robot_time)
-    arc = _slice_arc(state.pad, job.frame, job.goal.height, patch)
+    arc = _slice_arc(state.pad, job.frame, goal.height, patch)
     after = replace(job, faults=faults)
     return _trace(params, state, after, tracing.after_touch(job.trace, arc), patch.robot_time)
 
@@ -158,30 +177,30 @@ def _begin(
             return _finish(params, state, ("/probe/traced", probe), now)
         state = replace(state, job=Job(goal, touches=1), resting=pose)
         return state, [("/finger/goal", touch)]
-    most = params.most_touches
+    max_touches = params.most_touches
     if goal.most_touches is not None:
-        most = min(most, goal.most_touches)
+        max_touches = min(max_touches, goal.most_touches)
     job = Job(goal, frame=Pose.from_array(goal.frame))
-    wanted = tracing.TraceGoal(goal.height, goal.centre, goal.radius, most, goal.gap)
-    return _trace(params, state, job, tracing.Trace(wanted), max(now, goal.not_before))
+    target = tracing.TraceGoal(goal.height, goal.centre, goal.radius, max_touches, goal.gap)
+    return _trace(params, state, job, tracing.Trace(target), max(now, goal.not_before))
 
 
 def _trace(
     params: Params, state: State, job: Job, trace: tracing.Trace, now: float
 ) -> tuple[State, Outputs]:
-    """Ask for the next touch of a contour, or report it."""
+    """Request the next touch of a contour, or report the contour."""
     assert isinstance(job.goal, types.ContourGoal) and state.pad is not None
-    trace, found = tracing.next_command(state.pad, trace)
-    if isinstance(found, tracing.TouchCommand):
-        return _send(params, state, replace(job, trace=trace, aim=found), job.goal, now)
-    contour = _contour(job, job.goal, trace, found, now)
+    trace, command = tracing.next_command(state.pad, trace)
+    if isinstance(command, tracing.TouchCommand):
+        return _send(params, state, replace(job, trace=trace, aim=command), job.goal, now)
+    contour = _contour(job, job.goal, trace, command, now)
     return _finish(params, state, ("/contour/traced", contour), now)
 
 
 def _send(
     params: Params, state: State, job: Job, goal: types.ContourGoal, now: float
 ) -> tuple[State, Outputs]:
-    """Ask for a touch, or report the contour as far as it is, if the touch may end too late."""
+    """Request a touch, or report the incomplete contour if the touch may exceed the budget."""
     assert job.aim is not None and job.trace is not None and job.frame is not None
     pose = job.frame @ job.aim.start(goal.height)
     touch = types.TouchGoal(
@@ -194,8 +213,8 @@ def _send(
         direction=job.frame.axes[:, 2],
         not_before=now,
     )
-    spent = goal.most_touches is not None and job.touches >= goal.most_touches
-    if spent or not _in_time(state, touch, pose, goal):
+    is_spent = goal.most_touches is not None and job.touches >= goal.most_touches
+    if is_spent or not _in_time(state, touch, pose, goal):
         contour = _contour(job, goal, job.trace, "budget", now)
         return _finish(params, state, ("/contour/traced", contour), now)
     job = replace(job, touches=job.touches + 1)
@@ -208,19 +227,19 @@ def _in_time(
     pose: Pose,
     goal: types.ContourGoal | types.ProbeGoal,
 ) -> bool:
-    """Whether a touch from here has ended when its goal asks, even if it meets nothing."""
+    """Whether a touch ends before the deadline of its goal, even without contact."""
     if goal.not_after is None:
         return True
     if state.robot is None:
         return touch.not_before < goal.not_after
-    lasts = longest_seconds(state.robot, *move_between(state.resting, pose), touch.reach)
-    return touch.not_before + lasts < goal.not_after
+    duration = longest_seconds(state.robot, *move_between(state.resting, pose), touch.reach)
+    return touch.not_before + duration < goal.not_after
 
 
 def _finish(
     params: Params, state: State, published: tuple[str, object], now: float
 ) -> tuple[State, Outputs]:
-    """Report a goal and begin with the next one."""
+    """Report a goal, and begin the next one."""
     state = replace(state, job=None)
     if not state.waiting:
         return state, [published]
@@ -265,12 +284,12 @@ def _contour(
 
 
 def _placed(frame: Pose, points: Sequence[Floats]) -> Floats:
-    """Points of the slicing frame in the world, (n, 3), m."""
+    """Points (n, 3) of the slicing frame in the world [m]."""
     return frame.to_outer(np.reshape(points, (-1, 3)))
 
 
 def _deepest(pad: Pad, pose: Pose, patch: types.SurfacePatch) -> Floats:
-    """The point of deepest compression, world frame; the pad's middle if none is touched."""
+    """The point of deepest compression in the world; without contact the middle of the pad."""
     if not patch.mask.any():
         return pose.position
     local = tracing.deepest_point(pad, patch.height, patch.mask)

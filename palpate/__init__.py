@@ -1,6 +1,6 @@
 """Feels an unknown object with a simulated fingertip and rebuilds it as a solid.
 
-What it exports stands in ``__init__.pyi``; each name is imported when it is first used.
+The exported names are in ``__init__.pyi``; each is imported at its first use.
 """
 
 import lazy_loader

@@ -1,4 +1,4 @@
-"""What can disturb a sensor, and what an effect of your own is made of: see docs/effects.md."""
+"""Effects that disturb a sensor, and parts of your own effects: see docs/effects.md."""
 
 from palpate.core.touch import (
     Effect as Effect,

@@ -1,4 +1,4 @@
-"""Planners of slices and touches, and what one of your own is made of: see docs/planning.md."""
+"""Planners of slices and touches, and parts of your own planners: see docs/planning.md."""
 
 from palpate.core.explore.planners import (
     PLANNER_NAMES as PLANNER_NAMES,

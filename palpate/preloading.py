@@ -1,7 +1,7 @@
-"""What a node needs is imported before its first message, and once for all that are forked.
+"""Imports of nodes, made once in the fork server before all nodes.
 
-The server that forks the nodes imports this module with `PRELOAD_VARIABLE` set. What cannot be
-imported is left to the node that wants it, which says in words what is wrong.
+The fork server imports this module with `PRELOAD_VARIABLE` set. Modules that cannot be imported are
+left to their nodes, which report the error.
 """
 
 from __future__ import annotations
@@ -16,21 +16,22 @@ from contextlib import suppress
 from importlib import import_module
 from importlib.util import LazyLoader, find_spec, module_from_spec
 
-PRELOAD_VARIABLE = "PALPATE_PRELOAD"  # Of the environment: names of modules between blanks
-SAFE_PATH_VARIABLE = "PYTHONSAFEPATH"  # Of the environment: no module comes from the current folder
-# Of the environment: how many threads linear algebra takes, read when numpy is imported.
+# Environment variables: names of modules, separated by blanks; and to ignore the current folder.
+PRELOAD_VARIABLE = "PALPATE_PRELOAD"
+SAFE_PATH_VARIABLE = "PYTHONSAFEPATH"
+# Environment variables of the number of threads of linear algebra, read when numpy is imported.
 THREAD_VARIABLES = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
-# Parts of scipy that core takes as attributes, so that they are imported when they are first used.
+# Parts of scipy that core uses as attributes, which are imported at their first use.
 SCIPY_PARTS = ("scipy.fft", "scipy.linalg", "scipy.ndimage", "scipy.sparse", "scipy.spatial")
-_PR_SET_PDEATHSIG = 1
-# Parts of numpy that scipy names as it is imported, and nobody uses; a sixth of all imports.
+_PR_SET_PDEATHSIG = 1  # of prctl(2)
+# Unused parts of numpy that scipy imports, a sixth of all imports.
 _UNUSED = ("numpy.f2py", "numpy.ma", "numpy.testing", "numpy.ctypeslib")
 
 
 def preload(names: Iterable[str]) -> None:
-    """Import modules, and keep all that came of it out of later searches for garbage."""
+    """Import modules, and exclude their objects from garbage collection."""
     gc.disable()
-    # The kernel ends this process with its parent: in an import it would notice too late.
+    # The kernel ends this process with its parent, also during an import.
     signal_at_parent_death(signal.SIGKILL)
     for name in _UNUSED:
         with suppress(Exception):
@@ -45,12 +46,12 @@ def preload(names: Iterable[str]) -> None:
     gc.enable()
     gc.freeze()
     if "numpy.random" in sys.modules:
-        # Who draws without a generator of its own must not draw what its neighbours draw.
+        # Processes must not share the state of the global generator.
         os.register_at_fork(after_in_child=sys.modules["numpy.random"].seed)
 
 
 def import_when_used(name: str) -> None:
-    """Have a part of a package there, and imported once something in it is asked for."""
+    """Import a part of a package at the first use of its attributes."""
     spec = find_spec(name)
     loader = getattr(spec, "loader", None)
     if spec is None or loader is None or name in sys.modules:
@@ -63,12 +64,12 @@ def import_when_used(name: str) -> None:
 
 
 def open_closed_streams() -> None:
-    """Have a standard stream that was closed lead to nowhere.
+    """Open closed standard streams to the null device.
 
-    Otherwise the next file or socket has its number, here or in a process that is started.
+    Otherwise the next file or socket, here or in a new process, would get their numbers.
     """
     for name in ("stdin", "stdout", "stderr"):
-        if getattr(sys, name) is None:  # so Python says that it was closed
+        if getattr(sys, name) is None:  # it was closed
             mode = "r" if name == "stdin" else "w"
             stream = open(os.devnull, mode, encoding="utf-8")  # noqa: SIM115 (open to the end)
             os.set_inheritable(stream.fileno(), True)  # the lowest free number: its own
@@ -76,11 +77,11 @@ def open_closed_streams() -> None:
 
 
 def signal_at_parent_death(number: int) -> None:
-    """Have the kernel send this process a signal when its parent dies; 0 sends none."""
+    """Let the kernel send this process a signal when its parent dies; 0: no signal."""
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, int(number))
 
 
 if PRELOAD_VARIABLE in os.environ:
-    os.environ.pop(SAFE_PATH_VARIABLE, None)  # it is not for the programs that a node starts
+    os.environ.pop(SAFE_PATH_VARIABLE, None)  # programs of nodes must not inherit it
     preload(os.environ.pop(PRELOAD_VARIABLE).split())

@@ -1,4 +1,4 @@
-"""Exploratory procedures, and what one of your own is made of: see docs/procedures.md."""
+"""Exploratory procedures, and parts of your own procedures: see docs/procedures.md."""
 
 from palpate.core.procedures import (
     PROCEDURE_NAMES as PROCEDURE_NAMES,

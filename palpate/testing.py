@@ -1,4 +1,4 @@
-"""For tests of nodes: drive one or several by plain calls, or feed one a recording."""
+"""Functions for tests of nodes: drive nodes by plain calls, or feed them a recording."""
 
 from palpate.nodes.runtime.testing import (
     assert_same,

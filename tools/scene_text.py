@@ -44,7 +44,7 @@ def scene_figures(scene: Scene) -> dict[str, Any]:
     return {
         "scene": str(scene.path),
         "size_m": scene.size,
-        "told": scene.told,
+        "told": scene.mesh_notes,
         "sensor": msgspec.to_builtins(scene.spec.sensor),
         "effects": [
             {"name": name, "phase": effect.phase.name.lower(), **msgspec.to_builtins(effect)}
@@ -58,7 +58,7 @@ def scene_text(scene: Scene) -> str:
     size = " x ".join(f"{1000.0 * side:.1f}" for side in scene.size)
     measures = f"can be explored; the object measures {size} mm"
     lines = titled("scene", str(scene.path), measures)
-    lines += titled("mesh", scene.told) if scene.told else []
+    lines += titled("mesh", scene.mesh_notes) if scene.mesh_notes else []
     return "\n".join([*lines, simulation_text(scene.spec)])
 
 

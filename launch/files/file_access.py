@@ -1,8 +1,8 @@
-"""Files read within bounds, kept within their folder, and written whole or not at all.
+"""Files: read within bounds, confined to a folder, and written whole or not at all.
 
-A file that is read is a plain file of at most so many bytes, because a pipe would be waited for;
-one that a scene names lies in the scene's own folder. What is written is first written beside its
-place and moved there when it is whole.
+Only plain files of limited size are read, since a pipe may never end. A file that an untrusted
+scene names must be in the scene's own folder. A file is written under a temporary name beside its
+place, and moved when it is complete.
 """
 
 from __future__ import annotations
@@ -17,69 +17,68 @@ from pathlib import Path
 
 from palpate.launch.files.source_map import InputError
 
-MAX_PATH_LENGTH = 255  # Of a path within the folder
-FileWriter = Callable[[Path], object]  # Writes one file at a path
+MAX_PATH_LENGTH = 255  # of a path within the folder [characters]
+FileWriter = Callable[[Path], object]  # writes a file at a path
 
 
-def read_bounded(path: Path, most: int, what: str = "") -> bytes:
-    """The bytes of a file of at most `most`; `what` is its kind for complaints, ``the mesh ``.
+def read_bounded(path: Path, max_bytes: int, kind: str = "") -> bytes:
+    """The bytes of a file; `kind` names it in errors, as ``the mesh ``.
 
-    InputError if it cannot be read, is larger, or is no plain file: a pipe would be waited for.
+    Raises InputError if it cannot be read, has more than `max_bytes`, or is no plain file.
     """
     try:
-        told = path.stat()
-        if not stat.S_ISREG(told.st_mode) and not stat.S_ISDIR(told.st_mode):
-            raise InputError(f"{path}: {what}cannot be read: it is no plain file")
+        mode = path.stat().st_mode
+        if not stat.S_ISREG(mode) and not stat.S_ISDIR(mode):
+            raise InputError(f"{path}: {kind}cannot be read: it is no plain file")
         with path.open("rb") as file:
-            # It may grow meanwhile; what is asked for takes memory before it is there.
-            data = file.read(min(os.fstat(file.fileno()).st_size, most) + 1)
+            # The file may grow meanwhile; read() reserves as much memory as it is asked for.
+            data = file.read(min(os.fstat(file.fileno()).st_size, max_bytes) + 1)
     except OSError as error:
-        raise InputError(f"{path}: {what}cannot be read: {error.strerror}") from None
+        raise InputError(f"{path}: {kind}cannot be read: {error.strerror}") from None
     except ValueError as error:  # a NUL or half a character in the name
         if isinstance(error, InputError):
             raise
-        raise InputError(f"{str(path)!r}: {what}cannot be read: {error}") from None
-    if len(data) > most:
-        size = f"{most >> 20} MiB" if most >> 20 else f"{most >> 10} kB"
+        raise InputError(f"{str(path)!r}: {kind}cannot be read: {error}") from None
+    if len(data) > max_bytes:
+        size = f"{max_bytes >> 20} MiB" if max_bytes >> 20 else f"{max_bytes >> 10} kB"
         raise InputError(f"{path}: is larger than {size}, the most that is read")
     return data
 
 
-def file_within(folder: Path, name: str, what: str, *, confined: bool = True) -> Path:
-    """Path of a file that a scene names, from the scene's own, resolved folder.
+def file_within(folder: Path, name: str, key: str, *, confined: bool = True) -> Path:
+    """Path of a file that a scene names, relative to the scene's resolved folder.
 
-    `what` is the scene's key that holds the name; `confined`: whether it must lie in that folder,
-    for the scene is from elsewhere. Raises ValueError if the name leads out of the folder, to
-    something that is no file, or cannot be a name.
+    `key`: the scene's key of the name. `confined`: the file must be in that folder, since the scene
+    is from elsewhere. Raises ValueError if the name leads out of the folder, is that of something
+    else than a file, or cannot be a name.
     """
     if not name.isprintable() or len(name) > MAX_PATH_LENGTH:
         raise ValueError(
-            f"{what} is {name[:40]!r}; a name has at most {MAX_PATH_LENGTH} letters "
-            "that can be seen"
+            f"{key} is {name[:40]!r}; a name has at most {MAX_PATH_LENGTH} visible characters"
         )
     try:
         path = (folder / name).resolve()
-        other = path.exists() and not path.is_file()
+        is_other = path.exists() and not path.is_file()
     except (OSError, RuntimeError):  # a loop of links, or a part that is too long
-        raise ValueError(f"{what} is {name!r}; it leads nowhere") from None
-    # A scene from elsewhere must not have other files of the machine read.
+        raise ValueError(f"{key} is {name!r}; it leads nowhere") from None
+    # A scene from elsewhere must not read other files of the machine.
     if confined and (Path(name).is_absolute() or not path.is_relative_to(folder)):
-        raise ValueError(f"{what} is {name!r}; it must lie in the scene's own folder")
-    if other:
-        raise ValueError(f"{what} is {name!r}, which is no file")
+        raise ValueError(f"{key} is {name!r}; it must lie in the scene's own folder")
+    if is_other:
+        raise ValueError(f"{key} is {name!r}, which is no file")
     return path
 
 
 def plain_name(name: str) -> str:
-    """A name for what is made of a file: characters that cannot be seen, or written, are ``_``."""
-    return "".join(one if one.isprintable() else "_" for one in name)
+    """A name in which ``_`` replaces invisible characters and ones that cannot be encoded."""
+    return "".join(char if char.isprintable() else "_" for char in name)
 
 
 def write_atomically(files: Mapping[Path, FileWriter]) -> None:
-    """Write files beside their places, and move all there once all are written.
+    """Write files under temporary names, and move all of them to their places at the end.
 
-    Each function writes at the path that it is given, whose suffix is that of its place. Raises
-    InputError if a file cannot be written; then none has changed.
+    Each function gets the temporary path, which has the suffix of the place. Raises InputError if a
+    file cannot be written; then no file is changed.
     """
     for path in files:
         if path.is_dir():
@@ -101,7 +100,7 @@ def write_atomically(files: Mapping[Path, FileWriter]) -> None:
 
 
 def write_or_print(path: Path, text: str) -> None:
-    """Write a text whole, ``-`` to standard output; raises InputError if it cannot be."""
+    """Write a text to a file, or to standard output for ``-``; InputError on failure."""
     if str(path) == "-":
         sys.stdout.write(text)
     else:
@@ -109,9 +108,9 @@ def write_or_print(path: Path, text: str) -> None:
 
 
 def write_new(path: Path, write: Callable[[Path], object]) -> None:
-    """Make a file or a folder beside its place, and move it there once it is whole.
+    """Write a new file or folder under a temporary name, and move it to its place at the end.
 
-    Raises InputError if there is something already, or it cannot be written; then nothing is left.
+    Raises InputError if the path exists or cannot be written; then nothing is left behind.
     """
     check_new(path)
     part = path.with_name(f".{os.getpid()}.part.{path.name}")
@@ -130,7 +129,7 @@ def write_new(path: Path, write: Callable[[Path], object]) -> None:
 
 
 def _move_into_place(part: Path, path: Path) -> None:
-    """Move what is written to its place, unless something has come there meanwhile."""
+    """Move a file or folder to its place; FileExistsError if the place has been taken meanwhile."""
     if part.is_file():
         try:
             os.link(part, path)
@@ -144,7 +143,7 @@ def _move_into_place(part: Path, path: Path) -> None:
 
 
 def check_new(path: Path) -> None:
-    """Refuse a place where something is already, or where nothing can be."""
+    """Raise InputError if a path exists, or its folder does not."""
     if os.path.lexists(path):
         raise InputError(_exists_text(path))
     if not path.parent.is_dir():

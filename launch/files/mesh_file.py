@@ -1,9 +1,9 @@
-"""Mesh files: read with distrust and checked whole, and written for other programs.
+"""Mesh files: untrusted ones are read and checked completely; others are written for programs.
 
-Readers of our own: on 400 damaged meshes trimesh ran over 10 s twice, took 161 MB for a file of 1
-MB, and raised RecursionError. STL and 3MF are written in mm, GLB with y up, all others in m, each
-in one go from arrays of single precision: trimesh takes longer to import than a final model to be
-fitted.
+palpate has its own readers, because on 400 damaged meshes trimesh took over 10 s twice and 161 MB
+for a file of 1 MB, and raised RecursionError. STL and 3MF are written in mm, GLB in m with y up,
+all others in m, from arrays of single precision. palpate has its own writers, because trimesh takes
+longer to import than fitting a final model takes.
 """
 
 from __future__ import annotations
@@ -32,11 +32,11 @@ from palpate.launch.files.source_map import InputError, as_input_errors
 from palpate.launch.files.units import METRES_PER_UNIT, OWN_UNITS, guess_unit
 from palpate.messages.types import ShapeModel
 
-MAX_MESH_BYTES = 64 << 20  # Largest file
-MAX_FACES = mesh_formats.MAX_TRIANGLES  # Most triangles
-MIN_EXTENT = 1e-4  # Smallest extent of an object, m
-MAX_EXTENT = 10.0  # Largest extent of an object, m
-# Formats that are read.
+MAX_MESH_BYTES = 64 << 20  # of a file
+MAX_FACES = mesh_formats.MAX_TRIANGLES
+MIN_EXTENT = 1e-4  # of an object along x, y and z [m]
+MAX_EXTENT = 10.0  # the same [m]
+# Readers by format.
 READERS: Mapping[str, Callable[[bytes], mesh_formats.RawMesh]] = {
     "ply": read_ply,
     "stl": mesh_formats.read_stl,
@@ -46,14 +46,14 @@ READERS: Mapping[str, Callable[[bytes], mesh_formats.RawMesh]] = {
 }
 Vertices = NDArray[np.float64]
 Faces = NDArray[np.int32]
-MESH_FILES = ("mesh.ply", "mesh.stl", "mesh.glb")  # Files of the surface
-MODEL_FILE = "model.npz"  # File of all that a model holds
-ARCHIVE_FIELD = "archive"  # The field that is unpacked, not kept as it is
-# STL has no unit: programs that slice it for printing assume mm, as 3MF does unless told otherwise.
+MESH_FILES = ("mesh.ply", "mesh.stl", "mesh.glb")  # names of the surface's files
+MODEL_FILE = "model.npz"  # name of the file with all fields of a model
+ARCHIVE_FIELD = "archive"  # field of a model that is unpacked in its file
+# STL has no unit: programs that slice it for printing assume mm, which is the default of 3MF.
 MILLIMETRES_PER_METRE = 1000.0
-# Turns z up, as everywhere here, into y up, as glTF demands.
+# Rotation from z up, as in palpate, to y up, as glTF requires.
 Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
-# In which each format is written.
+# Units of the formats that are written.
 MESH_UNITS: Mapping[str, str] = {
     **{".ply": "m", ".stl": "mm", ".glb": "m, y up", ".obj": "m", ".3mf": "mm"}
 }
@@ -61,75 +61,74 @@ _PLY_FACE = np.dtype([("count", "u1"), ("corners", "<i4", 3)])
 
 
 class MeshFile(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """How a scene names a mesh file."""
+    """A mesh file in a scene."""
 
-    file: str  # Path, relative to the scene's folder
-    # Unit of the file's coordinates, which it does not tell; guessed where only one is likely.
+    file: str  # path, relative to the scene's folder
+    # Unit of the file's coordinates, which the file does not state; guessed if only one is likely.
     unit: Literal["m", "cm", "mm", "um", "in", "ft"] | None = None
-    up: Literal["z", "-z", "y", "-y", "x", "-x"] = "z"  # The file's axis that shall point up
-    # Largest extent that the object shall have, m, in place of a unit.
+    up: Literal["z", "-z", "y", "-y", "x", "-x"] = "z"  # axis of the file that points up
+    # Largest extent of the object in place of a unit [m].
     size: Annotated[float, Meta(ge=MIN_EXTENT, le=MAX_EXTENT, description="m")] | None = None
 
     def __post_init__(self) -> None:
         if self.unit is not None and self.size is not None:
-            raise ValueError("unit and size exclude each other: either makes the object as large")
+            raise ValueError("unit and size exclude each other: both set the size of the object")
 
 
 def is_mesh_file(path: Path) -> bool:
-    """Whether a file, by its suffix, is a mesh."""
+    """Whether a file is a mesh by its suffix."""
     return path.suffix.lower().lstrip(".") in READERS
 
 
 def read_mesh(
     path: Path, unit: str | None = None, up: str = "z", size: float | None = None
 ) -> tuple[Vertices, Faces, str]:
-    """The one solid in a PLY, STL, OBJ, OFF or GLB file of at most 64 MiB.
+    """The solid in a PLY, STL, OBJ, OFF or GLB file of at most 64 MiB.
 
-    `up`: the axis of the file that shall point up. `size`: largest extent that the solid shall
-    have, m, in place of a unit. The solid may be of any genus; small faults are mended
-    (`palpate.shapes.mend_mesh`), and of what bounds none the outside is taken
-    (`palpate.shapes.wrap_mesh`). Returns its vertices (n, 3), each once, in m, its triangles
-    (m, 3), counter-clockwise seen from outside, and a sentence on what was guessed and mended.
-    Raises InputError if the file cannot be read, is not one solid of fitting size, or might be in
-    several units.
+    `up`: axis of the file that points up. `size`: largest extent of the solid in place of a unit
+    [m]. The solid may be of any genus. Small faults are mended (`palpate.shapes.mend_mesh`); of a
+    surface that bounds no solid, the outside is taken (`palpate.shapes.wrap_mesh`). Returns
+    distinct vertices (n, 3) [m], triangles (m, 3), counter-clockwise seen from outside, and a
+    sentence on what was guessed and mended. Raises InputError if the file cannot be read, is not
+    one solid of suitable size, or might be in several units.
     """
-    vertices, faces, notes = _read_whole(path)
-    told = list(notes)
+    vertices, faces, read_notes = _read_whole(path)
+    notes = list(read_notes)
     sides = _extents(vertices)
     if size is not None:
         scale = size / float(sides.max())
-        told.append(f"scaled by {scale:.4g} to {_millimetres(scale * sides)}")
+        notes.append(f"scaled by {scale:.4g} to {_millimetres(scale * sides)}")
     else:
         if unit is None:
             unit = _likely_unit(path, float(sides.max()))
-            told.append(f"taken to be in {unit}, {_millimetres(METRES_PER_UNIT[unit] * sides)}")
+            notes.append(f"taken to be in {unit}, {_millimetres(METRES_PER_UNIT[unit] * sides)}")
         scale = METRES_PER_UNIT[unit]
     vertices = _upright(vertices * scale, up)
     _check_size(path, vertices, unit)
     with as_input_errors(path):
-        found, mends = _one_solid(vertices, faces)
-    told += mends
-    return found.vertices, found.faces, f"{path.name}: {'; '.join(told)}" if told else ""
+        solid, mends = _closed_solid(vertices, faces)
+    notes += mends
+    return solid.vertices, solid.faces, f"{path.name}: {'; '.join(notes)}" if notes else ""
 
 
-def _one_solid(vertices: Vertices, faces: Faces) -> tuple[Mesh, tuple[str, ...]]:
-    """The solid that triangles bound, mended or wrapped, and what was done to them."""
+def _closed_solid(vertices: Vertices, faces: Faces) -> tuple[Mesh, tuple[str, ...]]:
+    """The solid that triangles bound, mended or wrapped, and notes on that."""
     try:
         mended = mend_mesh(vertices, faces)
     except MeshFault as error:
         wrapped = wrap_mesh(vertices, faces)
         left = f", {wrapped.n_left_out} loose parts left out" if wrapped.n_left_out else ""
-        told = (
+        note = (
             f"{error.fault}: its outside was taken, as rays from far away see it, at "
             f"{1e3 * wrapped.resolution:.2g} mm; its faces lie {1e3 * wrapped.offset:.2g} mm rms "
             f"off that, and {wrapped.closed_share:.1%} of it closes holes{left}"
         )
-        return Mesh(wrapped.vertices, wrapped.faces), (told,)
+        return Mesh(wrapped.vertices, wrapped.faces), (note,)
     return Mesh(mended.vertices, mended.faces), mended.mends
 
 
 def _extents(vertices: Vertices) -> Vertices:
-    """Lengths of the sides (3,); infinite beyond what a number holds."""
+    """Extents along x, y and z, (3,); infinite on overflow."""
     with np.errstate(over="ignore"):
         return np.asarray(np.ptp(vertices, axis=0))
 
@@ -139,7 +138,7 @@ def _millimetres(sides: Vertices) -> str:
 
 
 def _upright(vertices: Vertices, up: str) -> Vertices:
-    """Vertices turned so that an axis of theirs points up, the others by whole quarters."""
+    """Vertices turned by quarter turns so that their axis `up` points up."""
     axis = "xyz".index(up[-1])
     turned = vertices[:, [(axis + 1) % 3, (axis + 2) % 3, axis]]
     return turned * [1.0, -1.0, -1.0] if up.startswith("-") else turned
@@ -149,8 +148,8 @@ def _likely_unit(path: Path, extent: float) -> str:
     unit = guess_unit(path.suffix.lower(), extent)
     if unit is None:
         raise InputError(
-            f"{path}: measures {extent:.3g}, in a unit that the file does not tell and that cannot "
-            f"be guessed; give the unit: {', '.join(METRES_PER_UNIT)}; or its size"
+            f"{path}: measures {extent:.3g}, in a unit that the file does not state and that "
+            f"cannot be guessed; give the unit: {', '.join(METRES_PER_UNIT)}; or its size"
         )
     return unit
 
@@ -160,7 +159,8 @@ def _check_size(path: Path, vertices: Vertices, unit: str | None) -> None:
     if extents.min() < MIN_EXTENT or extents.max() > MAX_EXTENT:
         size = " x ".join(f"{extent:.3g}" for extent in extents)
         raise InputError(
-            f"{path}: measures {size} m when {f'read in {unit}' if unit else 'scaled so'}; each "
+            f"{path}: measures {size} m when {f'read in {unit}' if unit else 'scaled to size'}; "
+            "each "
             f"side must be between {MIN_EXTENT:g} and {MAX_EXTENT:g} m; is the unit right?"
         )
 
@@ -168,9 +168,9 @@ def _check_size(path: Path, vertices: Vertices, unit: str | None) -> None:
 def read_surface(path: Path, unit: str | None) -> tuple[Vertices, Faces, str]:
     """The surface in a file, closed or not, of any size; arguments and arrays as of `read_mesh`.
 
-    Without a `unit` in the likely one, or else in that which palpate writes. GLB files have y up,
-    and are turned so that z is. Returns the unit as well. InputError if unreadable or without
-    triangles.
+    Without a `unit` the likely one is used, or else the one in which palpate writes. GLB files,
+    with y up, are turned to z up. Returns vertices, triangles and the unit. Raises InputError if
+    the file cannot be read or has no triangles.
     """
     vertices, faces, _ = _read_whole(path)
     if unit is None:
@@ -181,18 +181,18 @@ def read_surface(path: Path, unit: str | None) -> tuple[Vertices, Faces, str]:
 
 
 def _read_whole(path: Path) -> tuple[Vertices, Faces, tuple[str, ...]]:
-    """The surface in a file's own unit, z up, and what was passed over."""
-    found = _load(path)
-    if not len(found.faces) and len(found.vertices):
+    """The surface in a file's own unit, z up, and notes on what was ignored."""
+    mesh = _load(path)
+    if not len(mesh.faces) and len(mesh.vertices):
         raise InputError(f"{path}: holds points without triangles")
-    vertices, faces = _merged(path, found)
+    vertices, faces = _merged(path, mesh)
     if path.suffix.lower() == ".glb":
         vertices = vertices @ Y_UP
-    return vertices, faces, found.notes
+    return vertices, faces, mesh.notes
 
 
 def _merged(path: Path, mesh: mesh_formats.RawMesh) -> tuple[Vertices, Faces]:
-    """Vertices that are equal made one, because STL repeats them for each face."""
+    """The mesh with equal vertices merged, since STL repeats them for each face."""
     vertices, faces = mesh.vertices, mesh.faces
     if len(faces) == 0:
         raise InputError(f"{path}: holds no triangles")
@@ -214,9 +214,9 @@ def _merged(path: Path, mesh: mesh_formats.RawMesh) -> tuple[Vertices, Faces]:
 
 
 def read_cloud(path: Path, unit: str) -> Vertices | None:
-    """The points (n, 3) in a file that holds nothing else, in m; None if it holds more."""
-    found = _load(path)
-    return None if len(found.faces) else found.vertices * METRES_PER_UNIT[unit]
+    """The points (n, 3) in a file without faces [m]; None if it has faces."""
+    mesh = _load(path)
+    return None if len(mesh.faces) else mesh.vertices * METRES_PER_UNIT[unit]
 
 
 def read_oriented_cloud(path: Path) -> tuple[Vertices, Vertices]:
@@ -224,12 +224,12 @@ def read_oriented_cloud(path: Path) -> tuple[Vertices, Vertices]:
 
     Raises InputError if it cannot be read, holds a surface, or the points have no normals.
     """
-    found = _load(path)
-    if len(found.faces):
-        raise InputError(f"{path}: holds a surface; to measure it there is palpate score")
-    if found.normals is None:
+    mesh = _load(path)
+    if len(mesh.faces):
+        raise InputError(f"{path}: holds a surface; palpate score measures it")
+    if mesh.normals is None:
         raise InputError(f"{path}: has no normals nx, ny, nz; points in no order need them")
-    return found.vertices, found.normals
+    return mesh.vertices, mesh.normals
 
 
 def _load(path: Path) -> mesh_formats.RawMesh:
@@ -247,27 +247,27 @@ def _load(path: Path) -> mesh_formats.RawMesh:
 
 
 def export_model(model: ShapeModel, folder: Path) -> tuple[str, ...]:
-    """Write the solid into a folder; without a surface, only what there is to say about it.
+    """Write the files of a model into a folder; without a surface, only ``model.npz``.
 
-    There will be ``mesh.ply`` (m, with the uncertainty at each vertex if the model states one),
-    ``mesh.stl`` (mm), ``mesh.glb`` (m, y up) and ``model.npz`` (all that the model holds, and the
-    solid for `palpate.load`); the names are returned.
+    The files are ``mesh.ply`` (m, with the uncertainty at each vertex if the model states one),
+    ``mesh.stl`` (mm), ``mesh.glb`` (m, y up) and ``model.npz`` (all fields of the model, and the
+    solid for `palpate.load`). Their names are returned.
     """
     archived = arrays_from_bytes(model.archive) if len(model.archive) else {}
     np.savez(folder / MODEL_FILE, allow_pickle=False, **_model_arrays(model), **archived)
     if len(model.faces) == 0:
         return (MODEL_FILE,)
-    told = uncertainties(model)
-    scalars = {"uncertainty": told} if told.any() else {}
+    errors = uncertainties(model)
+    scalars = {"uncertainty": errors} if errors.any() else {}
     for name in MESH_FILES:
         write_mesh(folder / name, model.vertices, model.faces, **scalars)
     return (*MESH_FILES, MODEL_FILE)
 
 
 def uncertainties(model: ShapeModel) -> Floats:
-    """Standard deviation that a model states of its surface, at each vertex (n,), m.
+    """Standard deviation of a model's surface at each vertex, (n,) [m].
 
-    Of a general solid by vertex, of one in slices by height; zeros where it states none.
+    A general solid states it by vertex, a solid in slices by height; it is 0 if not stated.
     """
     if model.vertex_errors.any():
         return model.vertex_errors
@@ -278,7 +278,7 @@ def uncertainties(model: ShapeModel) -> Floats:
 
 
 def _model_arrays(model: ShapeModel) -> dict[str, NDArray[np.generic]]:
-    found: dict[str, NDArray[np.generic]] = {}
+    arrays: dict[str, NDArray[np.generic]] = {}
     for field in fields(ShapeModel):
         if field.name == ARCHIVE_FIELD:
             continue
@@ -286,14 +286,14 @@ def _model_arrays(model: ShapeModel) -> dict[str, NDArray[np.generic]]:
         if value is None:
             continue
         if isinstance(value, dict):
-            found[f"{field.name}_names"] = np.array(list(value), dtype=np.str_)
-            found[f"{field.name}_values"] = np.array(list(value.values()), dtype=np.float64)
+            arrays[f"{field.name}_names"] = np.array(list(value), dtype=np.str_)
+            arrays[f"{field.name}_values"] = np.array(list(value.values()), dtype=np.float64)
         elif isinstance(value, tuple):
             kind = np.str_ if any(isinstance(item, str) for item in value) else np.int64
-            found[field.name] = np.array(value, dtype=kind)
+            arrays[field.name] = np.array(value, dtype=kind)
         else:
-            found[field.name] = np.asarray(value)
-    return found
+            arrays[field.name] = np.asarray(value)
+    return arrays
 
 
 def mesh_sha256(model: ShapeModel) -> str:
@@ -305,9 +305,9 @@ def mesh_sha256(model: ShapeModel) -> str:
 def write_mesh(
     path: Path, vertices: Floats, faces: NDArray[np.int32], **scalars: NDArray[np.generic]
 ) -> None:
-    """Write vertices (n, 3), m, z up, and triangles (m, 3), counter-clockwise from outside.
+    """Write vertices (n, 3), z up [m], and triangles (m, 3), counter-clockwise from outside.
 
-    The suffix is one of `MESH_UNITS`; PLY alone takes the `scalars` of `ply_bytes`.
+    The suffix is one of `MESH_UNITS`. Only PLY files hold the `scalars` of `ply_bytes`.
     """
     kind = path.suffix.lower()
     if MESH_UNITS[kind] == "mm":
@@ -320,10 +320,10 @@ def write_mesh(
 def ply_bytes(vertices: mesh_formats.Floats, faces: Faces, **scalars: NDArray[np.generic]) -> bytes:
     """A mesh of vertices (n, 3) and triangles (m, 3) as PLY.
 
-    `scalars` (n,) become properties of the vertices, uchar of bytes and float of all others.
+    `scalars` (n,) are properties of the vertices, of type uchar for bytes and float for others.
     """
     columns = dict(zip("xyz", vertices.T, strict=True)) | scalars
-    kinds = {name: "u1" if one.dtype == np.uint8 else "<f4" for name, one in columns.items()}
+    kinds = {name: "u1" if c.dtype == np.uint8 else "<f4" for name, c in columns.items()}
     points = np.empty(len(vertices), [(name, kind) for name, kind in kinds.items()])
     for name, column in columns.items():
         points[name] = column
@@ -338,7 +338,7 @@ def ply_bytes(vertices: mesh_formats.Floats, faces: Faces, **scalars: NDArray[np
 
 
 def stl_bytes(vertices: mesh_formats.Floats, faces: Faces) -> bytes:
-    """The same as binary STL; flat triangles have a normal of 0."""
+    """The same as binary STL; degenerate triangles have the normal 0."""
     corners = vertices[faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     lengths = np.linalg.norm(normals, axis=1, keepdims=True)
@@ -349,18 +349,18 @@ def stl_bytes(vertices: mesh_formats.Floats, faces: Faces) -> bytes:
 
 
 def glb_bytes(vertices: mesh_formats.Floats, faces: Faces) -> bytes:
-    """The same as glTF 2 in one file, of one node with one mesh of one piece."""
-    corners, places = faces.astype("<u4").tobytes(), vertices.astype("<f4")
-    parts = ((0, len(corners)), (len(corners), places.nbytes))
+    """The same as one file of glTF 2, with one node of one mesh of one piece."""
+    corners, points = faces.astype("<u4").tobytes(), vertices.astype("<f4")
+    parts = ((0, len(corners)), (len(corners), points.nbytes))
     views = [{"buffer": 0, "byteOffset": at, "byteLength": size} for at, size in parts]
-    bounds = {"min": places.min(axis=0).tolist(), "max": places.max(axis=0).tolist()}
+    bounds = {"min": points.min(axis=0).tolist(), "max": points.max(axis=0).tolist()}
     numbers, floats = glb.UNSIGNED, glb.FLOAT
     accessors = [
         {"bufferView": 0, "componentType": numbers, "type": "SCALAR", "count": faces.size},
-        {"bufferView": 1, "componentType": floats, "type": "VEC3", "count": len(places), **bounds},
+        {"bufferView": 1, "componentType": floats, "type": "VEC3", "count": len(points), **bounds},
     ]
     piece = {"attributes": {"POSITION": 1}, "indices": 0, "mode": glb.TRIANGLE_MODE}
-    described = {
+    description = {
         "asset": {"version": "2.0", "generator": "palpate"},
         "scene": 0,
         "scenes": [{"nodes": [0]}],
@@ -368,20 +368,20 @@ def glb_bytes(vertices: mesh_formats.Floats, faces: Faces) -> bytes:
         "meshes": [{"primitives": [piece]}],
         "accessors": accessors,
         "bufferViews": views,
-        "buffers": [{"byteLength": len(corners) + places.nbytes}],
+        "buffers": [{"byteLength": len(corners) + points.nbytes}],
     }
-    return glb.glb_of(json.dumps(described).encode(), corners + places.tobytes())
+    return glb.glb_of(json.dumps(description).encode(), corners + points.tobytes())
 
 
 def obj_bytes(vertices: mesh_formats.Floats, faces: Faces) -> bytes:
-    """The same as OBJ, in text."""
-    places = map("v %.9g %.9g %.9g\n".__mod__, map(tuple, vertices.tolist()))
+    """The same as OBJ, as text."""
+    points = map("v %.9g %.9g %.9g\n".__mod__, map(tuple, vertices.tolist()))
     corners = map("f %d %d %d\n".__mod__, map(tuple, (faces + 1).tolist()))
-    return "".join([*places, *corners]).encode()
+    return "".join([*points, *corners]).encode()
 
 
 def three_mf_bytes(vertices: mesh_formats.Floats, faces: Faces) -> bytes:
-    """The same as 3MF, vertices in mm: a package of one object, the same bytes every time.
+    """The same as 3MF, vertices in mm: a package of one object, with reproducible bytes.
 
     Source: 3MF Core Specification 1.3, sections 2 and 4.
     """
@@ -397,7 +397,7 @@ def three_mf_bytes(vertices: mesh_formats.Floats, faces: Faces) -> bytes:
     packed = io.BytesIO()
     with zipfile.ZipFile(packed, "w") as package:
         for name, text in _THREE_MF_PARTS.items():
-            part = zipfile.ZipInfo(name)  # Without the time of day
+            part = zipfile.ZipInfo(name)  # without a time stamp
             part.compress_type = zipfile.ZIP_DEFLATED
             package.writestr(part, _XML + text.replace("MESH", mesh))
     return packed.getvalue()

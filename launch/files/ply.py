@@ -1,6 +1,6 @@
-"""PLY, in text and in binary: the header, and the rows of its elements column by column.
+"""PLY files, text or binary: the header, and the rows of its elements as columns.
 
-Rows are taken at once if their lists are as long as those of the first row, and else one by one.
+Rows are read at once if their lists are as long as those of the first row, else one by one.
 """
 
 from __future__ import annotations
@@ -16,44 +16,44 @@ from numpy.typing import NDArray
 
 from palpate.launch.files import mesh_formats
 
-FACE_LISTS = ("vertex_indices", "vertex_index")  # What the list of a face's corners is called
+FACE_LISTS = ("vertex_indices", "vertex_index")  # names of the list of a face's corners
 Column = NDArray[np.generic] | mesh_formats.Ragged
 Columns = dict[str, Column]
 ByteOrder = Literal["<", ">", "="]
-MAX_HEADER_BYTES = 64 << 10  # Of a header, comments and all
-MAX_ELEMENTS = 64  # Elements, and properties of an element
-NORMALS = ("nx", "ny", "nz")  # Properties of vertices
-MAX_DIGITS = 18  # Of a count
+MAX_HEADER_BYTES = 64 << 10  # with comments
+MAX_ELEMENTS = 64  # and properties of an element
+MAX_DIGITS = 18  # of a count
+NORMALS = ("nx", "ny", "nz")  # properties of vertices
 BYTE_ORDERS: dict[str, Literal["<", ">"] | None] = {
     "ascii": None,
     "binary_little_endian": "<",
     "binary_big_endian": ">",
 }
 _HEADER_END = re.compile(rb"(\r\n|\r|\n)[ \t]*end_header[ \t]*(\r\n|\r|\n)")
-# Names of numbers, and what numpy calls them.
+# Types of numbers, and their names in numpy.
 PLY_TYPES = {
     **{"char": "i1", "short": "i2", "int": "i4", "float": "f4", "double": "f8"},
     **{"uchar": "u1", "ushort": "u2", "uint": "u4", "float32": "f4", "float64": "f8"},
     **{f"int{8 * size}": f"i{size}" for size in (1, 2, 4, 8)},
     **{f"uint{8 * size}": f"u{size}" for size in (1, 2, 4, 8)},
 }
-# Letters of numbers in `struct`.
+# Codes of the types in `struct`.
 _STRUCT_CODES = {"i1": "b", "u1": "B", "i2": "h", "u2": "H", "i4": "i", "u4": "I"}
 _STRUCT_CODES |= {"i8": "q", "u8": "Q", "f4": "f", "f8": "d"}
 
 
 def read_ply(data: bytes) -> mesh_formats.RawMesh:
-    """The vertices, their normals, and faces of a PLY file; all else in it is passed over.
+    """The vertices, normals and faces of a PLY file; all other elements are ignored.
 
-    Raises ValueError if the header is none, or the file has not what it states.
+    Raises ValueError if it has no header, or does not hold what its header states.
     """
     data = data.removeprefix(mesh_formats.BOM)
     header = read_header(data)
     elements, rows, at = header.elements, memoryview(data), header.size
     order: ByteOrder = header.order or "="
-    if header.order is None:  # text is read as if its numbers were binary, all of one type
+    if header.order is None:  # text is converted to binary doubles first
         rows, at = memoryview(mesh_formats.parse_numbers(data[header.size :]).tobytes()), 0
-        elements = tuple(map(_of_doubles, elements))
+        elements = tuple(map(_as_doubles, elements))
     vertices, faces, normals = np.zeros((0, 3)), mesh_formats.NO_POLYGONS, None
     for element in elements:
         if element.name == "vertex":
@@ -88,11 +88,11 @@ def read_header(data: bytes) -> PlyHeader:
             case ["element", name, count] if name not in elements and len(elements) < MAX_ELEMENTS:
                 elements[name] = Element(name, _count(count))
             case ["property", *words] if elements:
-                _add(list(elements.values())[-1], words)
+                _add_property(list(elements.values())[-1], words)
             case _:
                 raise ValueError(f"has the line {line[:40]!r} in its header")
     if formats != 1:
-        raise ValueError("has a header that does not tell its format")
+        raise ValueError("has a header that does not state its format")
     return PlyHeader(order, tuple(elements.values()), size)
 
 
@@ -116,116 +116,116 @@ def _count(word: str) -> int:
     return int(word)
 
 
-def _add(element: Element, words: list[str]) -> None:
+def _add_property(element: Element, words: list[str]) -> None:
     match words:
         case ["list", length, kind, name] if {length, kind} <= PLY_TYPES.keys():
-            found = Property(name, PLY_TYPES[kind], PLY_TYPES[length])
+            added = Property(name, PLY_TYPES[kind], PLY_TYPES[length])
         case [kind, name] if kind in PLY_TYPES:
-            found = Property(name, PLY_TYPES[kind], None)
+            added = Property(name, PLY_TYPES[kind], None)
         case _:
             raise ValueError(f"has the property {' '.join(words)[:40]!r} in its header")
-    known = {one.name for one in element.properties}
-    if found.name in known or len(known) >= MAX_ELEMENTS:
-        raise ValueError(f"has the property {found.name[:40]!r} twice, or more than {MAX_ELEMENTS}")
-    if found.length is not None and found.length.startswith("f"):
-        raise ValueError(f"has a list {found.name[:40]!r} whose length is no whole number")
-    element.properties.append(found)
+    known = {item.name for item in element.properties}
+    if added.name in known or len(known) >= MAX_ELEMENTS:
+        raise ValueError(f"has the property {added.name[:40]!r} twice, or more than {MAX_ELEMENTS}")
+    if added.length is not None and added.length.startswith("f"):
+        raise ValueError(f"has a list {added.name[:40]!r} whose length is no whole number")
+    element.properties.append(added)
 
 
-def _of_doubles(element: Element) -> Element:
-    made = [Property(one.name, "f8", one.length and "f8") for one in element.properties]
-    return Element(element.name, element.count, made)
+def _as_doubles(element: Element) -> Element:
+    doubles = [Property(item.name, "f8", item.length and "f8") for item in element.properties]
+    return Element(element.name, element.count, doubles)
 
 
 def read_rows(data: memoryview, at: int, element: Element, order: ByteOrder) -> tuple[Columns, int]:
-    """Columns of an element that begins at a byte, and the byte after it.
+    """Columns of an element that begins at byte `at`, and the byte after it.
 
-    Raises ValueError if the data end before the element does, or a list's length is none.
+    Raises ValueError if the data end before the element does, or the length of a list is no count.
     """
     if not element.properties or not element.count:
         return {}, at
-    least = sum(_size(one.length or one.kind) for one in element.properties)
-    if element.count * least > len(data) - at:
+    min_size = sum(_size(item.length or item.kind) for item in element.properties)
+    if element.count * min_size > len(data) - at:
         raise _cut_short(element)
     lengths, size = _first_row(data, at, element, order)
     if element.count * size <= len(data) - at:
         table = np.frombuffer(data, _row_type(element, lengths, order), element.count, at)
         if all((table[_length_field(name)] == length).all() for name, length in lengths.items()):
             return _columns(table, lengths, element), at + element.count * size
-    return _one_by_one(data, at, element, order)
+    return _rows_one_by_one(data, at, element, order)
 
 
 def _first_row(
     data: memoryview, at: int, element: Element, order: ByteOrder
 ) -> tuple[dict[str, int], int]:
-    """Lengths of the lists in the first row, and its bytes."""
+    """Lengths of the lists in the first row, and its size [bytes]."""
     lengths, start = {}, at
-    for one in element.properties:
-        length, at = _length(data, at, one, element, order)
-        if one.length is not None:
-            lengths[one.name] = length
-        at += length * _size(one.kind)
+    for item in element.properties:
+        length, at = _length(data, at, item, element, order)
+        if item.length is not None:
+            lengths[item.name] = length
+        at += length * _size(item.kind)
     return lengths, at - start
 
 
 def _row_type(element: Element, lengths: dict[str, int], order: ByteOrder) -> np.dtype[Any]:
     fields: list[tuple[str, str] | tuple[str, str, tuple[int]]] = []
-    for one in element.properties:
-        if one.length is None:
-            fields.append((one.name, order + one.kind))
+    for item in element.properties:
+        if item.length is None:
+            fields.append((item.name, order + item.kind))
         else:
-            fields.append((_length_field(one.name), order + one.length))
-            fields.append((one.name, order + one.kind, (lengths[one.name],)))
+            fields.append((_length_field(item.name), order + item.length))
+            fields.append((item.name, order + item.kind, (lengths[item.name],)))
     return np.dtype(fields)
 
 
 def _length_field(name: str) -> str:
-    """Name of the column that tells a list's length; no property has a blank in its name."""
+    """Name of the column of a list's lengths; names of properties have no blank."""
     return f"{name} length"
 
 
 def _columns(table: NDArray[Any], lengths: dict[str, int], element: Element) -> Columns:
-    columns: Columns = {one.name: table[one.name] for one in element.properties}
+    columns: Columns = {item.name: table[item.name] for item in element.properties}
     for name, length in lengths.items():
         counts, items = np.full(len(table), length), table[name].reshape(-1)
         columns[name] = mesh_formats.Ragged(counts, items)
     return columns
 
 
-def _one_by_one(
+def _rows_one_by_one(
     data: memoryview, at: int, element: Element, order: ByteOrder
 ) -> tuple[Columns, int]:
-    pieces = {one.name: bytearray() for one in element.properties}
-    lengths: dict[str, list[int]] = {one.name: [] for one in element.properties}
+    pieces = {item.name: bytearray() for item in element.properties}
+    lengths: dict[str, list[int]] = {item.name: [] for item in element.properties}
     for _ in range(element.count):
-        for one in element.properties:
-            length, at = _length(data, at, one, element, order)
-            end = at + length * _size(one.kind)
+        for item in element.properties:
+            length, at = _length(data, at, item, element, order)
+            end = at + length * _size(item.kind)
             if end > len(data):
                 raise _cut_short(element)
-            pieces[one.name] += data[at:end]
-            lengths[one.name].append(length)
+            pieces[item.name] += data[at:end]
+            lengths[item.name].append(length)
             at = end
     columns: Columns = {}
-    for one in element.properties:
-        items = np.frombuffer(pieces[one.name], order + one.kind)
-        counted = np.array(lengths[one.name], np.int64)
-        columns[one.name] = items if one.length is None else mesh_formats.Ragged(counted, items)
+    for item in element.properties:
+        items = np.frombuffer(pieces[item.name], order + item.kind)
+        counted = np.array(lengths[item.name], np.int64)
+        columns[item.name] = items if item.length is None else mesh_formats.Ragged(counted, items)
     return columns, at
 
 
 def _length(
-    data: memoryview, at: int, one: Property, element: Element, order: ByteOrder
+    data: memoryview, at: int, item: Property, element: Element, order: ByteOrder
 ) -> tuple[int, int]:
-    """How many numbers follow, and where they begin."""
-    if one.length is None:
+    """The number of values that follow, and the byte at which they begin."""
+    if item.length is None:
         return 1, at
-    size = _size(one.length)
+    size = _size(item.length)
     if at + size > len(data):
         raise _cut_short(element)
-    (length,) = struct.unpack_from(order + _STRUCT_CODES[one.length], data, at)
+    (length,) = struct.unpack_from(order + _STRUCT_CODES[item.length], data, at)
     if not 0 <= length <= len(data) or length != int(length):
-        raise ValueError(f"has a list {one.name[:40]!r} of {length:g} items")
+        raise ValueError(f"has a list {item.name[:40]!r} of {length:g} items")
     return int(length), at + size
 
 
@@ -234,17 +234,19 @@ def _size(kind: str) -> int:
 
 
 def _cut_short(element: Element) -> ValueError:
-    return ValueError(f"is cut short: it has not the {element.count} of {element.name[:40]!r}")
+    return ValueError(
+        f"is cut short: it lacks some of {element.count} rows of {element.name[:40]!r}"
+    )
 
 
 def _columns_of(columns: Columns, names: Sequence[str]) -> mesh_formats.Floats:
-    found: list[NDArray[np.generic]] = []
+    values: list[NDArray[np.generic]] = []
     for axis in names:
         column = columns.get(axis)
         if column is None or isinstance(column, mesh_formats.Ragged):
             raise ValueError(f"has vertices without {axis}")
-        found.append(column)
-    return mesh_formats.as_float64(np.stack(found, axis=1))
+        values.append(column)
+    return mesh_formats.as_float64(np.stack(values, axis=1))
 
 
 def _faces(columns: Columns) -> mesh_formats.Ragged:
@@ -259,13 +261,13 @@ class Property(NamedTuple):
     """A number of each row, or a list of numbers."""
 
     name: str
-    kind: str  # Of the number, or of a list's items
-    length: str | None  # Of the number before a list that tells its length; None without one
+    kind: str  # type of the number, or of the items of a list
+    length: str | None  # type of the length before a list; None if it is no list
 
 
 @dataclass(frozen=True, slots=True)
 class Element:
-    """Rows that are made alike."""
+    """Rows with the same properties."""
 
     name: str
     count: int
@@ -273,8 +275,8 @@ class Element:
 
 
 class PlyHeader(NamedTuple):
-    """What stands before the rows."""
+    """The header before the rows."""
 
-    order: Literal["<", ">"] | None  # Of bytes; None if the rows are text
+    order: Literal["<", ">"] | None  # of bytes; None if the rows are text
     elements: tuple[Element, ...]
-    size: int  # Bytes up to the first row
+    size: int  # before the first row [bytes]

@@ -1,7 +1,7 @@
-"""Files of measured points, by their endings: tables, arrays, clouds and recordings.
+"""Files of measured points, by their suffixes: tables, arrays, clouds and recordings.
 
-Text files have a header that names the columns, or x, y and z alone. Of a recording is read what
-was traced, all that was touched, and what the plan took.
+Text files have a header with the names of the columns, or only x, y and z. From a recording are
+read the traced contours and probes, all contacts, and the end of the plan.
 """
 
 from __future__ import annotations
@@ -18,10 +18,7 @@ from numpy.typing import NDArray
 
 from palpate.core.arrays import Bools, Floats
 from palpate.core.poses import Pose
-from palpate.core.rebuild.contours import (
-    ContactPoints,
-    stack_points,
-)
+from palpate.core.rebuild.contours import ContactPoints, stack_points
 from palpate.launch.files.file_access import read_bounded
 from palpate.launch.files.mesh_file import read_cloud, read_oriented_cloud
 from palpate.launch.files.point_clouds import MeasuredContours, contact_points_of, slice_cloud
@@ -32,17 +29,15 @@ from palpate.messages import CodecError, decode
 from palpate.messages.types import Contour, PlanDone, Probe, SensorInfo, SurfacePatch, World
 from palpate.nodes.rebuilding.fitting import common_frame, is_upright, touched_ends
 
-NUMBERED = re.compile(r"contour_(\d+)")  # Name of one contour's array
-RECORDING_NAME = "topics.mcap"  # Name of the recording in the folder of a run
-MIN_CLOUD_POINTS = 6  # Points of a cloud: two contours of three
-MAX_TABLE_BYTES = 256 << 20  # Largest file
+CONTOUR_ARRAY = re.compile(r"contour_(\d+)")  # name of the array of a contour
+RECORDING_NAME = "topics.mcap"  # of the recording in the folder of a run
+MAX_TABLE_BYTES = 256 << 20  # of a text file
 POSITION_COLUMNS, NORMAL_COLUMNS = ("x", "y", "z"), ("nx", "ny", "nz")
 CONTOUR_COLUMN, TOUCH_COLUMN = "contour", "touch"
-# Columns that mean something; others are passed over.
+# Columns that are read; all others are ignored.
 KNOWN_COLUMNS = (*POSITION_COLUMNS, CONTOUR_COLUMN, *NORMAL_COLUMNS, TOUCH_COLUMN)
-MAX_NUMBER = 2**31 - 1  # Largest number of a contour or a touch
-MOST_LINES_NAMED = 6  # Most line numbers in a sentence
-# What is read, by the end of its topic: before it a finger may stand.
+MAX_NUMBER = 2**31 - 1  # of a contour or a touch: int32
+# Types of the messages that are read, by the end of the topic: a finger may come before it.
 MESSAGE_TYPES: Mapping[str, type] = {
     "/contour/traced": Contour,
     "/probe/traced": Probe,
@@ -56,8 +51,8 @@ MESSAGE_TYPES: Mapping[str, type] = {
 def read_points(path: Path) -> MeasuredContours:
     """Contours from a file, in its own unit.
 
-    NPZ, CSV, TXT or XYZ, PLY without faces, MCAP, or the folder of a run. Raises InputError, which
-    tells the file and the line, if it cannot be read or holds no contours.
+    The file is NPZ, CSV, TXT, XYZ, PLY without faces, MCAP, or the folder of a run. Raises
+    InputError, with file and line, if it cannot be read or holds no contours.
     """
     if not path.exists():
         raise InputError(f"{path}: cannot be read: No such file or directory")
@@ -66,16 +61,16 @@ def read_points(path: Path) -> MeasuredContours:
     if kind not in POINT_READERS:
         known = ", ".join(POINT_READERS)
         raise InputError(f"{path}: {kind or 'no suffix'!r} is no format of points; known: {known}")
-    found = POINT_READERS[kind](path)
-    if not found.contours:
+    contours = POINT_READERS[kind](path)
+    if not contours.contours:
         raise InputError(f"{path}: holds no points")
-    return found
+    return contours
 
 
 def recording_of(path: Path) -> Path:
-    """The recording in the folder of a run; another path as it is.
+    """The recording in the folder of a run; a path of a file is returned as is.
 
-    Raises InputError if a folder holds none.
+    Raises InputError if a folder has no recording.
     """
     if not path.is_dir():
         return path
@@ -85,12 +80,12 @@ def recording_of(path: Path) -> Path:
 
 
 def read_oriented(path: Path) -> tuple[ContactPoints, tuple[str, ...]]:
-    """Points with outward normals in no order, in the file's own unit; and what was left out.
+    """Points with outward normals in no order, in the file's own unit, and notes for the user.
 
-    Text with the columns x, y, z, nx, ny, nz, NPZ with ``points`` and ``normals`` (n, 3), or PLY
-    without faces; text and NPZ maybe with ``touch``, the number of the touch that met each, else
-    each is a touch of its own. Raises InputError, with file and line, if it cannot be read, or the
-    points have no normals.
+    The file is text with the columns x, y, z, nx, ny, nz, NPZ with ``points`` and ``normals``
+    (n, 3), or PLY without faces. Text and NPZ may have ``touch``, the number of each point's touch;
+    otherwise each point is a touch of its own. Raises InputError, with file and line, if it cannot
+    be read, or the points have no normals.
     """
     kind, touch, notes = path.suffix.lower(), None, tuple[str, ...]()
     if kind == ".ply":
@@ -116,7 +111,7 @@ def read_oriented(path: Path) -> tuple[ContactPoints, tuple[str, ...]]:
 
 
 def read_tops(path: Path) -> Floats:
-    """Where ends were touched, (k, 3), from a text file of x, y and z."""
+    """Contacts of ends (k, 3) from a text file of x, y and z."""
     tops, _ = read_positions(path)
     if not len(tops):
         raise InputError(f"{path}: holds no points that are finite")
@@ -124,7 +119,7 @@ def read_tops(path: Path) -> Floats:
 
 
 def read_positions(path: Path) -> tuple[Floats, tuple[str, ...]]:
-    """Points (n, 3) from a text file of x, y and z, and what was left out."""
+    """Points (n, 3) from a text file of x, y and z, and notes on points that are left out."""
     table = read_table(path)
     return _joined(table.columns, POSITION_COLUMNS), table.notes
 
@@ -133,8 +128,8 @@ class Table(NamedTuple):
     """The known columns of a file, without the rows that are not finite."""
 
     columns: dict[str, Floats]  # (n,) each, by name
-    lines: Sequence[int]  # Line of each row
-    notes: tuple[str, ...]  # What was left out
+    lines: Sequence[int]  # number of each row's line
+    notes: tuple[str, ...]  # on rows that are left out
 
 
 def _joined(columns: Mapping[str, Floats], names: Sequence[str]) -> Floats:
@@ -146,31 +141,32 @@ def _read_text(path: Path) -> MeasuredContours:
     columns = table.columns
     points = _joined(columns, POSITION_COLUMNS)
     if CONTOUR_COLUMN not in columns:
-        found = _cut(path, points)
-        passed = [name for name in (*NORMAL_COLUMNS, TOUCH_COLUMN) if name in columns]
-        notes = [f"{', '.join(passed)} passed over: there is no column contour"] if passed else []
-        return found._replace(notes=(*table.notes, *found.notes, *notes))
+        contours = _cut(path, points)
+        unused = [name for name in (*NORMAL_COLUMNS, TOUCH_COLUMN) if name in columns]
+        notes = [f"{', '.join(unused)} ignored: there is no column contour"] if unused else []
+        return contours._replace(notes=(*table.notes, *contours.notes, *notes))
     rows, lines = _rows_by_number(columns[CONTOUR_COLUMN]), np.array(table.lines)
     normals = _joined(columns, NORMAL_COLUMNS) if NORMAL_COLUMNS[0] in columns else None
-    found = _by_contour(points, rows, normals, columns.get(TOUCH_COLUMN))
+    contours = _by_contour(points, rows, normals, columns.get(TOUCH_COLUMN))
     places = (
         f"contour {number} (lines {lines[part].min()} to {lines[part].max()})"
         for number, part in rows.items()
     )
-    return found._replace(places=tuple(places), notes=table.notes)
+    return contours._replace(places=tuple(places), notes=table.notes)
 
 
 def read_table(path: Path) -> Table:
-    """The columns of a text file in UTF-8, parted by commas, semicolons, tabs or blanks.
+    """The columns of a text file in UTF-8, separated by commas, semicolons, tabs or blanks.
 
-    ``#`` begins a comment. InputError if it cannot be read, lacks x, y or z, or a line is no row.
+    ``#`` begins a comment. Raises InputError if it cannot be read, lacks x, y or z, or a line is no
+    row.
     """
     rows = list(_rows(path))
     if not rows:
         raise InputError(f"{path}: holds no points")
     number, first = rows[0]
-    mark = next((mark for mark in (",", ";", "\t") if mark in first), None)
-    names = [column_name(name) for name in first.split(mark)]
+    separator = next((mark for mark in (",", ";", "\t") if mark in first), None)
+    names = [column_name(name) for name in first.split(separator)]
     if any(_as_float(name) is None for name in names):
         rows = rows[1:]
     elif len(names) == len(POSITION_COLUMNS):
@@ -183,12 +179,12 @@ def read_table(path: Path) -> Table:
     _check_names(f"{path}:{number}", names)
     if not rows:
         raise InputError(f"{path}:{number}: holds no points under its header")
-    values = np.array([_values(path, line, text, mark, names) for line, text in rows])
+    values = np.array([_values(path, line, text, separator, names) for line, text in rows])
     return _finite(names, values, [line for line, _ in rows])
 
 
 def _rows(path: Path) -> Iterator[tuple[int, str]]:
-    """Lines that hold something, with their numbers from 1."""
+    """Lines that are not empty, with their numbers from 1."""
     data = read_bounded(path, MAX_TABLE_BYTES)
     try:
         text = data.decode("utf-8-sig")
@@ -209,15 +205,15 @@ def _check_names(place: str, names: Sequence[str]) -> None:
     twice = [name for name in KNOWN_COLUMNS if names.count(name) > 1]
     if twice:
         raise InputError(f"{place}: has the column {twice[0]} more than once")
-    some = [name for name in NORMAL_COLUMNS if name in names]
-    if 0 < len(some) < len(NORMAL_COLUMNS):
-        raise InputError(f"{place}: has {', '.join(some)} alone; nx, ny and nz belong together")
+    normals = [name for name in NORMAL_COLUMNS if name in names]
+    if 0 < len(normals) < len(NORMAL_COLUMNS):
+        raise InputError(f"{place}: has {', '.join(normals)} alone; nx, ny and nz belong together")
 
 
 def _values(
-    path: Path, line: int, text: str, mark: str | None, names: Sequence[str]
+    path: Path, line: int, text: str, separator: str | None, names: Sequence[str]
 ) -> list[float]:
-    cells, place = text.split(mark), f"{path}:{line}"
+    cells, place = text.split(separator), f"{path}:{line}"
     if len(cells) != len(names):
         raise InputError(f"{place}: has {len(cells)} columns where {len(names)} are named")
     values = []
@@ -241,34 +237,39 @@ def _as_float(text: str) -> float | None:
         return None
 
 
-def _finite(names: Sequence[str], values: Floats, lines: Sequence[int]) -> Table:
-    """Without the rows that are not finite, and a sentence about them."""
-    good: Bools = np.asarray(np.isfinite(values).all(axis=1))
-    kept, left = ([*compress(lines, which.tolist())] for which in (good, ~good))
+def _finite(
+    names: Sequence[str], values: Floats, lines: Sequence[int], max_named: int = 6
+) -> Table:
+    """The table without rows that are not finite, with a note that names `max_named` of these."""
+    is_finite: Bools = np.asarray(np.isfinite(values).all(axis=1))
+    kept, left = ([*compress(lines, which.tolist())] for which in (is_finite, ~is_finite))
     notes: tuple[str, ...] = ()
     if left:
-        shown = ", ".join(str(line) for line in left[:MOST_LINES_NAMED])
-        more = f" and {len(left) - MOST_LINES_NAMED} more" if len(left) > MOST_LINES_NAMED else ""
+        shown = ", ".join(str(line) for line in left[:max_named])
+        more = f" and {len(left) - max_named} more" if len(left) > max_named else ""
         plural = "" if len(left) == 1 else "s"
         text = f"left out {len(left)} point{plural} not finite, line{plural} {shown}{more}"
         notes = (text,)
-    columns = {name: values[good, names.index(name)] for name in KNOWN_COLUMNS if name in names}
+    columns = {
+        name: values[is_finite, names.index(name)] for name in KNOWN_COLUMNS if name in names
+    }
     return Table(columns, kept, notes)
 
 
 def _read_cloud(path: Path) -> MeasuredContours:
     points = read_cloud(path, "m")
     if points is None:
-        raise InputError(f"{path}: holds a surface; to measure it there is palpate score")
+        raise InputError(f"{path}: holds a surface; palpate score measures it")
     return _cut(path, points)
 
 
-def _cut(path: Path, points: Floats) -> MeasuredContours:
-    if (count := len(points)) < MIN_CLOUD_POINTS:
-        raise InputError(f"{path}: holds {count} points; at least {MIN_CLOUD_POINTS} are needed")
-    good = np.isfinite(points).all(axis=1)
-    if not good.all():
-        raise InputError(f"{path}: point {int(np.argmin(good))} is not finite")
+def _cut(path: Path, points: Floats, min_points: int = 6) -> MeasuredContours:
+    """Contours of a cloud; it needs at least two contours of three points."""
+    if (count := len(points)) < min_points:
+        raise InputError(f"{path}: holds {count} points; at least {min_points} are needed")
+    is_finite = np.isfinite(points).all(axis=1)
+    if not is_finite.all():
+        raise InputError(f"{path}: point {int(np.argmin(is_finite))} is not finite")
     with as_input_errors(path):
         return slice_cloud(points)
 
@@ -276,18 +277,18 @@ def _cut(path: Path, points: Floats) -> MeasuredContours:
 def _read_npz(path: Path) -> MeasuredContours:
     arrays = read_arrays(path)
     tops = _array(path, arrays, "tops", 3) if "tops" in arrays else None
-    numbered = sorted(int(name[1]) for name in map(NUMBERED.fullmatch, arrays) if name)
+    numbered = sorted(int(name[1]) for name in map(CONTOUR_ARRAY.fullmatch, arrays) if name)
     if numbered:
-        found = _numbered(path, arrays, numbered)
+        contours = _numbered(path, arrays, numbered)
     elif "contours" in arrays:
-        found = _numbered_points(path, arrays)
+        contours = _numbered_points(path, arrays)
     else:
         names = ", ".join(sorted(arrays)[:8]) or "nothing"
         raise InputError(
             f"{path}: must hold contours and contour, or contour_0, contour_1 and so on; "
             f"it holds {names}"
         )
-    return found._replace(tops=tops)
+    return contours._replace(tops=tops)
 
 
 def _numbered(path: Path, arrays: Mapping[str, Any], numbers: list[int]) -> MeasuredContours:
@@ -295,18 +296,18 @@ def _numbered(path: Path, arrays: Mapping[str, Any], numbers: list[int]) -> Meas
     normals = None
     if any(name.startswith("normals_") for name in arrays):
         normals = tuple(_array(path, arrays, f"normals_{i}", 3) for i in numbers)
-        for number, (one, other) in enumerate(zip(contours, normals, strict=True)):
-            if len(one) != len(other):
-                text = f"normals_{number} must have {len(one)} rows, as its contour"
-                raise InputError(f"{path}: {text}, got {len(other)}")
+        for number, (points, directions) in enumerate(zip(contours, normals, strict=True)):
+            if len(points) != len(directions):
+                text = f"normals_{number} must have {len(points)} rows, as its contour"
+                raise InputError(f"{path}: {text}, got {len(directions)}")
     return MeasuredContours(contours, tuple(f"contour {i}" for i in numbers), normals)
 
 
 def _numbered_points(path: Path, arrays: Mapping[str, Any]) -> MeasuredContours:
     """Contours (m, n, 3), or points (n, 3) with the number of the contour of each."""
-    given = arrays["contours"]
-    if given.ndim == 3 and given.shape[2] == 3 and given.dtype.kind in "fiu":
-        parts = tuple(np.asarray(one, np.float64) for one in given)
+    contours = arrays["contours"]
+    if contours.ndim == 3 and contours.shape[2] == 3 and contours.dtype.kind in "fiu":
+        parts = tuple(np.asarray(contour, np.float64) for contour in contours)
         return MeasuredContours(parts, tuple(f"contour {i}" for i in range(len(parts))))
     points = _array(path, arrays, "contours", 3)
     if CONTOUR_COLUMN not in arrays:
@@ -323,9 +324,9 @@ def _numbered_points(path: Path, arrays: Mapping[str, Any]) -> MeasuredContours:
 
 
 def _rows_by_number(numbers: Floats) -> dict[int, NDArray[np.intp]]:
-    """Rows of each contour in their order, the contours as they first appear."""
-    found, first = np.unique(numbers, return_index=True)
-    return {int(found[i]): np.flatnonzero(numbers == found[i]) for i in np.argsort(first)}
+    """Rows of each contour in their order; contours are in the order of their first rows."""
+    unique, first = np.unique(numbers, return_index=True)
+    return {int(unique[i]): np.flatnonzero(numbers == unique[i]) for i in np.argsort(first)}
 
 
 def _by_contour(
@@ -334,7 +335,7 @@ def _by_contour(
     normals: Floats | None,
     touches: Floats | None,
 ) -> MeasuredContours:
-    """Points (n, 3), and of each its normal and the number of its touch, by rows of contours."""
+    """Contours of points (n, 3), their normals (n, 3) and touches (n,), by rows of contours."""
     contours, taxels = tuple(points[part] for part in rows.values()), None
     outwards = normals if normals is None else tuple(normals[part] for part in rows.values())
     if touches is not None:
@@ -364,20 +365,20 @@ def _array(
     width: int | None,
     length: int | None = None,
 ) -> Floats:
-    wanted = "(n,)" if width is None else f"(n, {width})"
+    shape = "(n,)" if width is None else f"(n, {width})"
     if name not in arrays:
-        raise InputError(f"{path}: lacks {name}, which must be {wanted}")
-    found = arrays[name]
-    fits = found.ndim == (1 if width is None else 2) and found.dtype.kind in "fiu"
-    if not fits or (width is not None and found.shape[1] != width):
-        raise InputError(f"{path}: {name} must be {wanted}, got {found.dtype} {found.shape}")
-    if length is not None and len(found) != length:
-        raise InputError(f"{path}: {name} must have {length} rows, as contours, got {len(found)}")
-    return np.asarray(found, np.float64)
+        raise InputError(f"{path}: lacks {name}, which must be {shape}")
+    array = arrays[name]
+    fits = array.ndim == (1 if width is None else 2) and array.dtype.kind in "fiu"
+    if not fits or (width is not None and array.shape[1] != width):
+        raise InputError(f"{path}: {name} must be {shape}, got {array.dtype} {array.shape}")
+    if length is not None and len(array) != length:
+        raise InputError(f"{path}: {name} must have {length} rows, as contours, got {len(array)}")
+    return np.asarray(array, np.float64)
 
 
 def read_recording(path: Path) -> MeasuredContours:
-    """Closed contours of a recording with all taxels of their touches, in m.
+    """Closed contours of a recording with all taxels of their touches [m].
 
     Raises InputError if it cannot be read, or holds no closed contour.
     """
@@ -386,7 +387,7 @@ def read_recording(path: Path) -> MeasuredContours:
 
 def _recorded(path: Path) -> dict[type, list[Any]]:
     """All messages of the `MESSAGE_TYPES` in a recording, by their types."""
-    # Not for those who read a CSV file: mcap is imported with it.
+    # Imported late, with mcap: other formats do not need it.
     from palpate.messages.recording import open_recording
 
     recorded: dict[type, list[Any]] = {kind: [] for kind in MESSAGE_TYPES.values()}
@@ -403,19 +404,19 @@ def _recorded(path: Path) -> dict[type, list[Any]]:
 
 
 class RecordedTouches(NamedTuple):
-    """What the touches of a recording met, in m."""
+    """Contacts of all touches of a recording."""
 
-    taxels: ContactPoints  # With the numbers of their touches
-    platform: float | None  # Height on which the object stood; None if it was held or is unknown
+    taxels: ContactPoints  # with the numbers of their touches [m]
+    platform: float | None  # its height under the object [m]; None if the object is held
 
 
 def read_touches(path: Path) -> RecordedTouches:
-    """All taxels that the touches of a recording met, whether or not their contours were closed.
+    """All taxels with contact of a recording, also those of contours that are not closed.
 
     Raises InputError if it cannot be read, or nothing was touched.
     """
     recorded = _recorded(path)
-    goals = {one.id for kind in (Contour, Probe) for one in recorded[kind]}
+    goals = {item.id for kind in (Contour, Probe) for item in recorded[kind]}
     for done in recorded[PlanDone][-1:]:
         goals = {*done.contours, *done.probes}
     touches = _touches(recorded, goals)
@@ -426,30 +427,30 @@ def read_touches(path: Path) -> RecordedTouches:
         )
     world = recorded[World][-1] if recorded[World] else None
     platform = None if world is None or world.held else float(world.platform)
-    return RecordedTouches(
-        stack_points([one for each in touches.values() for one in each]), platform
-    )
+    taxels = stack_points([points for items in touches.values() for points in items])
+    return RecordedTouches(taxels, platform)
 
 
 def contours_of(path: Path, recorded: Mapping[type, Sequence[Any]]) -> MeasuredContours:
-    """The closed contours that a plan ended with, or all, where probes hit, and all taxels.
+    """Closed contours, contacts of ends, and all taxels, of the goals of the finished plan, if any.
 
-    `recorded`: messages of each of the `MESSAGE_TYPES`. Raises InputError, which names the path, if
-    no contour is closed, or they were not traced in one frame.
+    `recorded`: messages of each of the `MESSAGE_TYPES`. Raises InputError with the path if no
+    contour is closed, or they were traced in several frames.
     """
     contours: Sequence[Contour] = recorded[Contour]
     probes: Sequence[Probe] = recorded[Probe]
     for done in recorded[PlanDone][-1:]:
-        contours = [one for one in contours if one.id in done.contours]
-        probes = [one for one in probes if one.id in done.probes]
-    closed = [one for one in contours if one.status == "closed"]
+        contours = [contour for contour in contours if contour.id in done.contours]
+        probes = [probe for probe in probes if probe.id in done.probes]
+    closed = [contour for contour in contours if contour.status == "closed"]
     if not closed:
         raise InputError(f"{path}: holds no closed contour, of {len(contours)} that were traced")
-    hits = [one for one in probes if one.outcome == "hit"]
-    touches = _touches(recorded, {one.id for one in closed} | {one.id for one in hits})
+    hits = [probe for probe in probes if probe.outcome == "hit"]
+    goals = {contour.id for contour in closed} | {probe.id for probe in hits}
+    touches = _touches(recorded, goals)
     taxels, notes = None, []
     if touches:
-        taxels = stack_points([one for each in touches.values() for one in each])
+        taxels = stack_points([points for items in touches.values() for points in items])
         notes = [f"{len(taxels.points)} taxels of {taxels.touch.max() + 1} touches"]
     if len(closed) < len(contours):
         notes.append(f"left out {len(contours) - len(closed)} contours that were not closed")
@@ -464,9 +465,9 @@ def contours_of(path: Path, recorded: Mapping[type, Sequence[Any]]) -> MeasuredC
     elif platform is not None:
         notes.append("the object stands on its platform, which is a touch of its lower end")
     return MeasuredContours(
-        contours=tuple(np.array(one.points) for one in closed),
-        places=tuple(f"contour {one.id}" for one in closed),
-        normals=tuple(np.array(one.normals) for one in closed),
+        contours=tuple(np.array(contour.points) for contour in closed),
+        places=tuple(f"contour {contour.id}" for contour in closed),
+        normals=tuple(np.array(contour.normals) for contour in closed),
         taxels=taxels,
         tops=tops,
         frame=np.array(frame),
@@ -477,18 +478,18 @@ def contours_of(path: Path, recorded: Mapping[type, Sequence[Any]]) -> MeasuredC
 def _touches(
     recorded: Mapping[type, Sequence[Any]], goals: set[int]
 ) -> dict[int, list[ContactPoints]]:
-    """What each touch of some goals measured, by goal, as the reconstructor takes it."""
+    """Contacts of each touch of some goals, by goal, as in the reconstructor."""
     if not recorded[SensorInfo]:
         return {}
-    found: dict[int, list[ContactPoints]] = {}
+    touches: dict[int, list[ContactPoints]] = {}
     for patch in sorted(recorded[SurfacePatch], key=lambda patch: (patch.goal, patch.touch)):
         if patch.goal in goals and len(patch.points):
             points = ContactPoints.of_touch(patch.points, patch.normals)
-            found.setdefault(patch.goal, []).append(points)
-    return found
+            touches.setdefault(patch.goal, []).append(points)
+    return touches
 
 
-# By ending.
+# By suffix.
 POINT_READERS: Mapping[str, Callable[[Path], MeasuredContours]] = {
     ".npz": _read_npz,
     ".csv": _read_text,

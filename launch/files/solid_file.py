@@ -1,7 +1,7 @@
-"""A rebuilt solid as one file that holds everything, and back, bit for bit; NPZ files.
+"""Files of rebuilt solids: complete NPZ files, which are read back bit for bit, and lattices.
 
-No array of an NPZ file is read before its size is known, and nothing in it is ever run. A control
-lattice is written as arrays, or as a structured grid that ParaView shows.
+The size of an array in an NPZ file is checked before it is read, and nothing in the file is ever
+run. A control lattice is written as arrays, or as a structured grid for ParaView.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import math
 import tokenize
 import zipfile
 import zlib
-from dataclasses import fields
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, Literal, get_origin, get_type_hints
 
@@ -35,14 +35,9 @@ from palpate.launch.files.source_map import InputError, as_input_errors
 from palpate.messages.types import ShapeModel
 
 SOLID_SUFFIX = ".npz"
-MAX_SOLID_BYTES = 512 << 20  # Largest file
-ALWAYS_ALLOWED_BYTES = 32 << 20  # Bytes to which any file may unpack
-MAX_RATIO = 16  # Times its own size to which a larger one may: measured numbers do not pack better
-MAX_ARRAYS = 4096  # Arrays of a file
-ARCHIVED = (FORM_KEY, "solid")  # Begin the names of the arrays that hold a packed solid
-MAX_AXIS_LENGTH = 1 << 40  # Along an axis
+ARCHIVED = (FORM_KEY, "solid")  # prefixes of the names of a packed solid's arrays
 Arrays = dict[str, NDArray[np.generic]]
-# What zipfile and numpy raise at files that are not what they say.
+# Exceptions that zipfile and numpy raise for damaged files.
 _FAULTS = (
     zipfile.BadZipFile,
     zlib.error,
@@ -57,7 +52,7 @@ _FAULTS = (
     TypeError,
     ValueError,
 )
-# How the header of an array is read, by the version of its format.
+# Readers of the header of an array, by the version of its format.
 _HEADERS = {
     (1, 0): np.lib.format.read_array_header_1_0,
     (2, 0): np.lib.format.read_array_header_2_0,
@@ -66,11 +61,22 @@ LATTICE_SUFFIXES = (".npz", ".vtk")
 AXES = "stu"
 
 
-def save(solid: Solid, path: str | Path) -> None:
-    """Write everything that there is to a solid that was rebuilt.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NpzLimits:
+    """Limits on NPZ files that are read; measured numbers compress less than `max_ratio`."""
 
-    `path`: a name that ends in ``.npz``; it is replaced as a whole. Raises InputError if it ends
-    otherwise, or the file cannot be written; TypeError if it is no solid.
+    max_file_size: int = 512 << 20  # [bytes]
+    max_ratio: int = 16  # of the unpacked size to that of the file
+    min_unpacked_size: int = 32 << 20  # to which any file may unpack [bytes]
+    max_arrays: int = 4096
+    max_axis_length: int = 1 << 40  # of an array
+
+
+def save(solid: Solid, path: str | Path) -> None:
+    """Write all data of a rebuilt solid to a file.
+
+    `path`: a name with suffix ``.npz``; an existing file is replaced. Raises InputError for another
+    suffix or if the file cannot be written; TypeError if `solid` is no solid.
     """
     if not isinstance(solid, Solid):
         raise TypeError(f"solid must be a Solid, as reconstruct returns it, got {solid!r:.60}")
@@ -82,19 +88,19 @@ def save(solid: Solid, path: str | Path) -> None:
 
 
 def write_arrays(path: Path, arrays: Arrays) -> None:
-    """An NPZ file of arrays, the same bytes for the same arrays."""
+    """Write an NPZ file of arrays; equal arrays give equal bytes."""
     with path.open("wb") as file:
         np.savez(file, allow_pickle=False, **arrays)
 
 
 def load(path: str | Path, unit: Literal["m", "cm", "mm", "in"] | None = None) -> Solid:
-    """The solid in a file, or that a run left in its directory.
+    """The solid in a file, or of a run.
 
-    `path`: what `save` wrote; the directory of a run, or its ``model.npz``; or a mesh, ``.ply``,
-    ``.stl``, ``.obj``, ``.off`` or ``.glb``, whose coordinates are in `unit`; if that is left out,
-    in the unit that `Solid.export` writes: m, but mm in ``.stl``. The file may be from anybody:
-    nothing in it is ever run. Raises InputError if it cannot be read, or holds no solid, or one of
-    another version.
+    `path`: a file of `save`; the directory of a run, or its ``model.npz``; or a mesh, ``.ply``,
+    ``.stl``, ``.obj``, ``.off`` or ``.glb``, with coordinates in `unit`, by default the unit in
+    which `Solid.export` writes: mm in ``.stl``, m in others. The file may be untrusted: nothing in
+    it is ever run. Raises InputError if it cannot be read, holds no solid, or one of another
+    version.
     """
     path = Path(path)
     if is_mesh_file(path):
@@ -114,31 +120,31 @@ def solid_of(arrays: Arrays) -> Solid:
     """
     mesh = None
     if {"vertices", "faces"} <= arrays.keys() and arrays["faces"].size:
-        parts: Any = arrays  # MeshSolid checks what they hold
+        parts: Any = arrays  # MeshSolid checks their types
         mesh = MeshSolid(parts["vertices"], parts["faces"])
     if FORM_KEY not in arrays:
         if mesh is None:
             raise ValueError("holds no solid: it was not written by palpate.save")
         return mesh
-    found = tree_from_arrays(arrays)
-    if not isinstance(found, Solid):
-        raise ValueError(f"holds a {type(found).__name__}, not a solid")
-    return found if mesh is None else found.with_final_mesh(mesh.vertices, mesh.faces)
+    solid = tree_from_arrays(arrays)
+    if not isinstance(solid, Solid):
+        raise ValueError(f"holds a {type(solid).__name__}, not a solid")
+    return solid if mesh is None else solid.with_final_mesh(mesh.vertices, mesh.faces)
 
 
-# Fields that a model may lack, as one that is not final lacks its verdict.
-OPTIONAL_FIELDS = frozenset(one.name for one in fields(ShapeModel) if one.default is None)
+# Fields that a model may lack: one that is not final lacks its verdict.
+OPTIONAL_FIELDS = frozenset(field.name for field in fields(ShapeModel) if field.default is None)
 
 
 def read_model(path: Path) -> ShapeModel:
-    """The model that a run left in its ``model.npz``, as it was published.
+    """The model in a run's ``model.npz``, as it was published.
 
     Raises InputError if the file cannot be read, or holds no model of this version.
     """
     arrays, types = read_arrays(path), get_type_hints(ShapeModel)
-    packed = {name: one for name, one in arrays.items() if name.partition("/")[0] in ARCHIVED}
+    packed = {name: a for name, a in arrays.items() if name.partition("/")[0] in ARCHIVED}
     values: dict[str, Any] = {ARCHIVE_FIELD: arrays_to_bytes(packed)} if packed else {}
-    for name in (one.name for one in fields(ShapeModel)):
+    for name in (field.name for field in fields(ShapeModel)):
         if name not in arrays and name in OPTIONAL_FIELDS:
             continue
         hint = types[name]
@@ -147,50 +153,55 @@ def read_model(path: Path) -> ShapeModel:
                 keys, numbers = arrays[f"{name}_names"], arrays[f"{name}_values"]
                 values[name] = dict(zip(keys.tolist(), numbers.tolist(), strict=True))
             elif name != ARCHIVE_FIELD:
-                found = arrays[name]
-                plain = tuple(found.tolist()) if get_origin(hint) is tuple else found
-                values[name] = plain if found.ndim else found.item()
+                array = arrays[name]
+                plain = tuple(array.tolist()) if get_origin(hint) is tuple else array
+                values[name] = plain if array.ndim else array.item()
         except (KeyError, TypeError):
             raise InputError(f"{path}: holds no model of this version: no {name} in it") from None
     return ShapeModel(**values)
 
 
-def read_arrays(path: Path) -> Arrays:
+def read_arrays(path: Path, limits: NpzLimits = NpzLimits()) -> Arrays:
     """All arrays of an NPZ file; InputError if it is unreadable, too large, or holds objects."""
-    data = read_bounded(path, MAX_SOLID_BYTES)
+    data = read_bounded(path, limits.max_file_size)
     with as_input_errors(path):
-        return read_npz(data)
+        return read_npz(data, limits)
 
 
-def read_npz(data: bytes) -> Arrays:
+def read_npz(data: bytes, limits: NpzLimits = NpzLimits()) -> Arrays:
     """All arrays in the bytes of an NPZ file, by name.
 
-    Raises ValueError if it is none, holds objects, or unpacks to far more than it is; the text is
-    the rest of a sentence about the file.
+    Raises ValueError if it is no NPZ file, holds objects, or exceeds a limit; the text is the rest
+    of a sentence about the file.
     """
     try:
         parts = zipfile.ZipFile(io.BytesIO(data))
     except _FAULTS:
         raise ValueError("is no NPZ file") from None
     with parts:
-        _check_sizes(parts.infolist(), len(data))
-        return {one.filename.removesuffix(".npy"): _array(parts, one) for one in parts.infolist()}
+        _check_sizes(parts.infolist(), len(data), limits)
+        return {
+            part.filename.removesuffix(".npy"): _array(parts, part, limits.max_axis_length)
+            for part in parts.infolist()
+        }
 
 
-def _check_sizes(parts: list[zipfile.ZipInfo], size: int) -> None:
+def _check_sizes(parts: list[zipfile.ZipInfo], size: int, limits: NpzLimits) -> None:
     unpacked = sum(part.file_size for part in parts)
     packed = sum(part.compress_size for part in parts)
-    if len(parts) > MAX_ARRAYS:
-        raise ValueError(f"holds {len(parts)} arrays; at most {MAX_ARRAYS} are read")
-    if unpacked > max(ALWAYS_ALLOWED_BYTES, MAX_RATIO * size):
+    if len(parts) > limits.max_arrays:
+        raise ValueError(f"holds {len(parts)} arrays; at most {limits.max_arrays} are read")
+    if unpacked > max(limits.min_unpacked_size, limits.max_ratio * size):
         raise ValueError(f"unpacks to {unpacked >> 20} MiB, more than is read of such a file")
     if packed > size:
         raise ValueError("is no NPZ file: its parts overlap")
     if any(part.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED) for part in parts):
-        raise ValueError("is no NPZ file: it is packed in a way that is not read")
+        raise ValueError("is no NPZ file: its compression is not read")
 
 
-def _array(parts: zipfile.ZipFile, part: zipfile.ZipInfo) -> NDArray[np.generic]:
+def _array(
+    parts: zipfile.ZipFile, part: zipfile.ZipInfo, max_axis_length: int
+) -> NDArray[np.generic]:
     name = part.filename[:40]
     try:
         content = io.BytesIO(parts.read(part))
@@ -202,7 +213,7 @@ def _array(parts: zipfile.ZipFile, part: zipfile.ZipInfo) -> NDArray[np.generic]
             raise ValueError("an array of objects, which are not read")
         stated = math.prod(shape) * kind.itemsize
         held = part.file_size - content.tell()
-        if min(shape, default=0) < 0 or max(shape, default=0) > MAX_AXIS_LENGTH or stated != held:
+        if min(shape, default=0) < 0 or max(shape, default=0) > max_axis_length or stated != held:
             raise ValueError(f"an array that states {stated} bytes, and holds {held}")
         content.seek(0)
         return np.asarray(np.lib.format.read_array(content, allow_pickle=False))
@@ -229,7 +240,7 @@ def write_lattice(path: Path, lattice: Lattice) -> None:
 
 
 def _vtk(parts: LatticeGrid) -> str:
-    """A structured grid of the deformed points, which know their weights and where they were."""
+    """A structured grid of the deformed points, with weights and displacements."""
     l, m, n = parts.weights.shape  # noqa: E741 (the letters of the text)
     count = l * m * n
     lines = [
@@ -253,6 +264,6 @@ def _vtk(parts: LatticeGrid) -> str:
 
 
 def _vtk_rows(points: Floats) -> list[str]:
-    """Points with the first axis fastest, as the format has it, to the last bit."""
+    """Points with the first axis fastest, as in the format, to the last bit."""
     flat = points.transpose(2, 1, 0, 3).reshape(-1, 3)
     return [" ".join(map(repr, row)) for row in flat.tolist()]

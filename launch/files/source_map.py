@@ -1,7 +1,7 @@
-"""What a user wrote, and where: values and complaints that know their file and line.
+"""Values of a user's files and options with their file and line, and errors that name these.
 
-Every complaint about a user's input is one `InputError` of one sentence, with the nearest known
-name where one was mistyped. Imports nothing heavy: the command line needs it for every verb.
+An error in a user's input is an `InputError` of one sentence, with the nearest known name in place
+of a mistyped one. This module imports little, since all commands need it.
 """
 
 from __future__ import annotations
@@ -14,17 +14,17 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-KeyPath = tuple[str | int, ...]  # Keys and positions from the top of a document to a value
+KeyPath = tuple[str | int, ...]  # keys and indices from the top of a document to a value
 _STEP = re.compile(r"\.([^.\[\]]+)|\[(\d+)\]")
 
 
 class InputError(ValueError):
-    """What the user gave cannot be used; the text is one sentence for the user."""
+    """An input of the user cannot be used; the text is one sentence for the user."""
 
 
 @contextmanager
 def as_input_errors(path: Path | None = None) -> Iterator[None]:
-    """A ValueError is one sentence for the user, which begins with the file where there is one."""
+    """Turn a ValueError into an InputError, whose text begins with the path, if any."""
     try:
         yield
     except ValueError as error:
@@ -35,12 +35,12 @@ def as_input_errors(path: Path | None = None) -> Iterator[None]:
 class SourceMapped:
     """A document with the line of each of its values."""
 
-    value: Any  # Plain maps, lists, texts and numbers
-    source: str  # The file, or the option, that it came from
+    value: Any  # plain maps, lists, texts and numbers
+    source: str  # file or option of the document
     places: Mapping[KeyPath, str] = field(default_factory=dict)  # ``file:line``, where known
 
     def place(self, path: KeyPath = ()) -> str:
-        """``file:line`` of a value, or of the nearest thing around it that has one."""
+        """``file:line`` of a value, or of the innermost value around it that has one."""
         for length in range(len(path), -1, -1):
             if path[:length] in self.places:
                 return self.places[path[:length]]
@@ -55,30 +55,30 @@ class SourceMapped:
         return SourceMapped(value, self.place(path), places)
 
     def error(self, path: KeyPath, text: str) -> InputError:
-        """A complaint about the value at this path."""
+        """An error about the value at this path."""
         place = self.place(path)
         return InputError(f"{place}: {text}" if place else text)
 
 
 def set_within(holder: Any, path: KeyPath, setting: SourceMapped, name: str = "it") -> Any:
-    """Maps and lists with the setting's value at a path; what is missing on the way is a map.
+    """Maps and lists with the setting's value at a path; missing parents are added as maps.
 
-    Raises InputError if something on the way can hold no such key.
+    Raises InputError if a parent cannot hold the next key.
     """
     if not path:
         return setting.value
     key, rest = path[0], path[1:]
     if isinstance(holder, (list, tuple)) and isinstance(key, int) and key < len(holder):
         inner = set_within(holder[key], rest, setting, f"{name}[{key}]")
-        return [inner if i == key else one for i, one in enumerate(holder)]
-    held = {} if holder is None else holder
-    if isinstance(key, str) and isinstance(held, Mapping):
-        return {**held, key: set_within(held.get(key), rest, setting, key)}
+        return [inner if i == key else item for i, item in enumerate(holder)]
+    parent = {} if holder is None else holder
+    if isinstance(key, str) and isinstance(parent, Mapping):
+        return {**parent, key: set_within(parent.get(key), rest, setting, key)}
     raise setting.error((), f"{name} is {holder!r:.40}, which has no {path_text(path)} to set")
 
 
 def path_text(path: KeyPath) -> str:
-    """A path as people write it: ``object.superquadric.size[0]``."""
+    """A path as text: ``object.superquadric.size[0]``."""
     text = ""
     for key in path:
         text += f"[{key}]" if isinstance(key, int) else f".{key}" if text else str(key)
@@ -86,12 +86,12 @@ def path_text(path: KeyPath) -> str:
 
 
 def key_path(text: str) -> KeyPath:
-    """The path that is written as ``.key[0]``."""
+    """The path of a text ``.key[0]``."""
     return tuple(int(index) if index else key for key, index in _STEP.findall(text))
 
 
 def hint(name: str, known: Iterable[str]) -> str:
-    """What was perhaps meant by an unknown name, or else what is known."""
+    """The known name that is nearest to an unknown one, or else all known names."""
     names = sorted(set(known))
     near = difflib.get_close_matches(name, names, n=1, cutoff=0.6)
     if near:

@@ -1,4 +1,4 @@
-"""Units of length of files that tell none: one table for all verbs."""
+"""Units of length of files that state none."""
 
 from __future__ import annotations
 
@@ -8,31 +8,30 @@ from collections.abc import Mapping
 from palpate.core.plugins import LENGTHS
 
 METRES_PER_UNIT: Mapping[str, float] = LENGTHS
-LIKELY_UNITS = ("m", "mm")  # Units that are guessed
-OWN_UNITS = {".stl": "mm"}  # Unit in which palpate writes a format, where that is not m
-MIN_HAND_SIZE, MAX_HAND_SIZE = 0.02, 1.0  # Largest extents of objects that hands grip, m
+LIKELY_UNITS = ("m", "mm")  # that are guessed
+OWN_UNITS = {".stl": "mm"}  # in which palpate writes a format, if not m
 
 
-def guess_unit(suffix: str, extent: float) -> str | None:
-    """The unit of a mesh of a largest extent, in its own unit; None if none is likely alone.
+def guess_unit(
+    suffix: str, extent: float, min_size: float = 0.02, max_size: float = 1.0
+) -> str | None:
+    """The unit of a mesh with a largest extent in that unit; None if several units are likely.
 
-    GLB is in m, by its definition; others are in the one that makes the object one for hands.
+    GLB is in m, by its definition. Other files are in the unit in which the object is of a size
+    that hands grip, from `min_size` to `max_size` [m].
     """
     if suffix == ".glb":
         return "m"
-    likely = [
-        unit
-        for unit in LIKELY_UNITS
-        if MIN_HAND_SIZE <= METRES_PER_UNIT[unit] * extent <= MAX_HAND_SIZE
-    ]
+    sizes = {unit: METRES_PER_UNIT[unit] * extent for unit in LIKELY_UNITS}
+    likely = [unit for unit, size in sizes.items() if min_size <= size <= max_size]
     return likely[0] if len(likely) == 1 else None
 
 
-# A unit behind the name of a column: "X [mm]", "x (mm)", "x_mm", "x/mm".
+# A unit after the name of a column: "X [mm]", "x (mm)", "x_mm", "x/mm".
 _COLUMN_UNIT = re.compile(rf"(?:[\s_/]+|[\s_/]*[\[(])\s*({'|'.join(METRES_PER_UNIT)})\s*[\])]?$")
 
 
 def column_name(header: str) -> str:
-    """The name of a column in small letters, without quotes and without its unit."""
+    """The name of a column in lower case, without quotes and unit."""
     name = header.strip().strip('"').strip().lower()
     return _COLUMN_UNIT.sub("", name) or name

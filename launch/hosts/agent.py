@@ -13,23 +13,21 @@ import zmq
 
 from palpate.launch.hosts.addresses import free_endpoints
 from palpate.launch.processes.fork_server import Interrupts
-from palpate.launch.processes.process_table import ForkServer
+from palpate.launch.processes.process_table import DEFAULT_HOST_SETTINGS, ForkServer, HostSettings
 from palpate.launch.processes.registry import private_folder
 from palpate.messages.bus import TO_HOSTS, Addresses, ControlMessage, ControlServer, SocketContext
 
-LAUNCHER_LOST = 6.0  # A launcher that has been silent for so long is gone, s
-TURN_MS = 100
-
 
 class HostedRun:
-    """One launcher's nodes on this machine, whose greeting names them and their modules.
+    """The nodes of one launcher on this machine.
 
-    `now` is monotonic time, s; `key` is the file of the key.
+    `word`: the launcher's greeting, with names and modules of the nodes. `now`: monotonic time [s].
+    `key`: file of the key.
     """
 
     def __init__(self, address: str, key: str, word: ControlMessage, now: float) -> None:
-        self.last = now  # Monotonic time of its last word, s
-        self.sentinels: dict[int, str] = {}  # Nodes that run, by what wakes when they end
+        self.last = now  # monotonic time of its last word [s]
+        self.sentinels: dict[int, str] = {}  # running nodes by the sentinels of their processes
         self._address, self._key = address, key
         self._kept = ExitStack()
         self._folder = self._kept.enter_context(private_folder(None))
@@ -38,7 +36,7 @@ class HostedRun:
         self._names = [str(name) for name in word["names"]]
 
     def hello(self) -> ControlMessage:
-        """Where the nodes that are to run here will be found, and this machine's clock."""
+        """Endpoints of the nodes that will run here, and this machine's clock."""
         return {
             "kind": "hello",
             "ns": time.monotonic_ns(),
@@ -47,7 +45,7 @@ class HostedRun:
         }
 
     def spawn(self, word: ControlMessage) -> ControlMessage | None:
-        """Start a node; its files are this machine's. An answer tells that it cannot be."""
+        """Start a node with files of this machine; returns an answer if it cannot be started."""
         name = str(word["node"])
         place = msgspec.msgpack.decode(word["place"], type=Addresses)
         number = self._names.index(name)
@@ -71,19 +69,19 @@ class HostedRun:
             self._server.kill(str(word["node"]))
 
     def bury(self, sentinel: int) -> ControlMessage:
-        """A node has ended."""
+        """The answer for a node that has ended."""
         name = self.sentinels.pop(sentinel)
         return {"kind": "ended", "node": name, "code": self._server.exit_code(name)}
 
     def close(self) -> None:
-        """End all its nodes, and leave nothing behind."""
+        """End all its nodes, and remove its files."""
         self._kept.close()
 
 
 def run_host_agent(address: str, port: int, key: Path, echo: Callable[[str], None]) -> None:
-    """Lend this machine until Ctrl-C to whoever has the key in a file; `echo` prints a line.
+    """Run nodes for launchers with the key in a file until Ctrl-C; `echo` prints a line.
 
-    Raises ValueError if the key cannot be used, or the address is taken or not this machine's.
+    Raises ValueError if the key cannot be used, or the address is taken or not one of this machine.
     """
     wires = SocketContext(str(key))
     try:
@@ -104,38 +102,47 @@ def run_host_agent(address: str, port: int, key: Path, echo: Callable[[str], Non
 
 
 class HostAgent:
-    """The guests of one machine, whose launchers speak on a line."""
+    """The runs that other launchers have on this machine.
+
+    A launcher that is silent for longer than `silence_limit` of the settings is taken for lost.
+    """
 
     def __init__(
-        self, line: ControlServer, address: str, key: str, echo: Callable[[str], None]
+        self,
+        line: ControlServer,
+        address: str,
+        key: str,
+        echo: Callable[[str], None],
+        settings: HostSettings = DEFAULT_HOST_SETTINGS,
     ) -> None:
         self._line, self._address, self._key, self._echo = line, address, key, echo
+        self._silence_limit = settings.silence_limit
         self._guests: dict[str, HostedRun] = {}
 
-    def turn(self) -> None:
-        """Wait for something to happen, and see to it."""
+    def turn(self, timeout_ms: int = 100) -> None:
+        """Wait for words of launchers or the end of nodes, and handle them."""
         poller = zmq.Poller()
         poller.register(self._line.socket, zmq.POLLIN)
         for guest in self._guests.values():
             for sentinel in guest.sentinels:
                 poller.register(sentinel, zmq.POLLIN)
-        ended = {who for who, _ in poller.poll(TURN_MS) if isinstance(who, int)}
+        ended = {who for who, _ in poller.poll(timeout_ms) if isinstance(who, int)}
         for name, guest in self._guests.items():
             for sentinel in ended & set(guest.sentinels):
                 self._line.send(name, **guest.bury(sentinel))
         while self._receive():
             pass
         for name, guest in list(self._guests.items()):
-            if time.monotonic() - guest.last > LAUNCHER_LOST:
+            if time.monotonic() - guest.last > self._silence_limit:
                 self._part(name, "is gone; its nodes are ended")
 
     def close(self) -> None:
-        """End everybody's nodes."""
+        """End all nodes."""
         for name in list(self._guests):
             self._part(name, "told to end")
 
     def _receive(self) -> bool:
-        """Take one word; what cannot be done is told, and hurts nobody else. False if none came."""
+        """Handle one word; errors in it are printed. Returns False if no word came."""
         try:
             received = self._line.receive()
             if received is None:

@@ -1,4 +1,4 @@
-"""The launcher's side: the machines of one graph, and nodes that are started there."""
+"""The other machines of one graph in the launcher, and nodes that are started there."""
 
 from __future__ import annotations
 
@@ -8,32 +8,34 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from palpate.launch.hosts.addresses import free_endpoints, key_file, own_address, read_host
-from palpate.launch.processes.process_table import GRACE, HEARTBEAT, HOST_LOST
+from palpate.launch.processes.process_table import DEFAULT_HOST_SETTINGS, HostSettings
 from palpate.messages.bus import FROM_HOSTS, Addresses, ControlClient, ControlMessage, SocketContext
 from palpate.nodes.runtime.node import Wiring
 
-HOST_PATIENCE = 10.0  # A machine has this long for its first answer, s
-
 
 class RemoteHosts:
-    """The other machines of one graph; none is asked for if all nodes are here.
+    """The other machines of one graph; there are none if all nodes are here.
 
-    `run` is what the launcher is called there. Raises ValueError if there is no key.
+    `run`: name of the launcher on other machines. Raises ValueError if there is no key.
     """
 
-    def __init__(self, wirings: Sequence[Wiring], run: str) -> None:
-        names = sorted({one.host for one in wirings if one.host})
+    def __init__(
+        self, wirings: Sequence[Wiring], run: str, settings: HostSettings = DEFAULT_HOST_SETTINGS
+    ) -> None:
+        names = sorted({wiring.host for wiring in wirings if wiring.host})
         self._wires = SocketContext(str(key_file())) if names else None
         self._nodes = {
-            name: {one.name: one.module for one in wirings if one.host == name} for name in names
+            name: {node.name: node.module for node in wirings if node.host == name}
+            for name in names
         }
-        self._here = [one.name for one in wirings if not one.host]
+        self._here = [wiring.name for wiring in wirings if not wiring.host]
         self._ahead_ns: dict[str, int] = {}
         self._hosts: dict[str, RemoteHost] = {}
         for name in names:
             assert self._wires is not None
             address, port = read_host(name)
-            self._hosts[name] = RemoteHost(self._wires, name, f"tcp://{address}:{port}", run)
+            endpoint = f"tcp://{address}:{port}"
+            self._hosts[name] = RemoteHost(self._wires, name, endpoint, run, settings)
 
     def __enter__(self) -> RemoteHosts:
         return self
@@ -44,13 +46,14 @@ class RemoteHosts:
 
     @property
     def nodes(self) -> Mapping[str, RemoteHost]:
-        """Name of each node that runs elsewhere, and where."""
+        """Machines of the nodes that run elsewhere, by name."""
         return {node: self._hosts[host] for host, nodes in self._nodes.items() for node in nodes}
 
     def reach(self, place: Addresses) -> Addresses:
-        """The place with addresses that all machines can reach; as it is if all nodes are here.
+        """`place` with addresses that all machines can reach; unchanged if all nodes are here.
 
-        Raises ValueError if a machine gives no answer, or lends itself at an address not its own.
+        Raises ValueError if a machine gives no answer, or listens at an address that is not its
+        own.
         """
         if not self._hosts:
             return place
@@ -78,20 +81,27 @@ class RemoteHosts:
         )
 
     def ahead_ns(self, name: str) -> int:
-        """How far this machine's clock is ahead of that of a node's machine, ns."""
+        """How far this machine's clock is ahead of that of a node's machine [ns]."""
         return self._ahead_ns.get(name, 0)
 
 
 class RemoteHost:
-    """The line to one machine that lends itself; nodes are started and ended there.
+    """The connection to the agent of another machine, which starts and ends nodes there.
 
-    `wires` are locked with the key, `name` is address and port as the launch file has it,
-    `endpoint` the same for a socket, and `run` what the launcher is called there.
+    `wires`: context with the key. `name`: address and port, as in the launch file. `endpoint`: the
+    same for a socket. `run`: name of the launcher there.
     """
 
-    def __init__(self, wires: SocketContext, name: str, endpoint: str, run: str) -> None:
-        self.name = name  # Address and port
-        # The line to it.
+    def __init__(
+        self,
+        wires: SocketContext,
+        name: str,
+        endpoint: str,
+        run: str,
+        settings: HostSettings = DEFAULT_HOST_SETTINGS,
+    ) -> None:
+        self.name = name  # address and port
+        self._settings = settings
         self.line = ControlClient(wires.context, endpoint, name=run, accepts=FROM_HOSTS)
         self._ends: dict[str, tuple[int, int]] = {}
         self._codes: dict[str, int] = {}
@@ -100,13 +110,13 @@ class RemoteHost:
         self._lost = False
 
     def hello(self, nodes: Mapping[str, str]) -> tuple[dict[str, str], dict[str, str], int]:
-        """Endpoints and taps of nodes that will run there, and how far its clock is behind, ns.
+        """Endpoints and taps of nodes that will run there, and how far its clock is behind [ns].
 
-        The nodes are given by name and module. Raises ValueError if the machine gives no answer.
+        `nodes`: modules by name. Raises ValueError if the machine gives no answer.
         """
         asked = time.monotonic_ns()
         self.line.send("hello", names=list(nodes), modules=list(nodes.values()))
-        if not self.line.socket.poll(int(1000 * HOST_PATIENCE)):
+        if not self.line.socket.poll(int(1000 * self._settings.answer_time)):
             raise ValueError(
                 f"host {self.name} gives no answer: palpate host must run there, with the same key"
             )
@@ -117,7 +127,7 @@ class RemoteHost:
         return word["endpoints"], word["taps"], (asked + answered) // 2 - word["ns"]
 
     def spawn(self, name: str, wiring: bytes, place: bytes) -> int:
-        """Have a node started; returns what wakes when it ends. ChildProcessError if it is lost."""
+        """Start a node; returns its sentinel. Raises ChildProcessError if the machine is lost."""
         if self._lost:
             raise ChildProcessError(f"{name} cannot be started: host {self.name} is lost")
         self._close(name)
@@ -130,28 +140,28 @@ class RemoteHost:
         return self._codes.get(name, 1)
 
     def pid(self, name: str) -> int:
-        """0: the number of its process means nothing here."""
+        """0: its process is on another machine."""
         return 0
 
     def kill(self, name: str) -> None:
-        """Have a node killed at once."""
+        """Kill a node at once."""
         self.line.send("kill", node=name)
 
     def receive(self, now: float) -> None:
-        """Take in what the machine reports, and give a sign of life."""
+        """Take the reports of the machine, and send signs of life."""
         while (word := self.line.receive()) is not None:
             self._last = now
             self._take(word)
         if now >= self._next_beat:
-            self._next_beat = now + HEARTBEAT
+            self._next_beat = now + self._settings.heartbeat_period
             self.line.send("alive")
-        if now - self._last > HOST_LOST and not self._lost:
+        if now - self._last > self._settings.silence_limit and not self._lost:
             self._lose()
 
     def end(self) -> None:
-        """Have all nodes there ended, and wait for that."""
+        """End all nodes there, and wait for that."""
         self.line.send("end")
-        deadline = time.monotonic() + GRACE + 1.0
+        deadline = time.monotonic() + self._settings.exit_time + 1.0
         while not self._lost and time.monotonic() < deadline:
             if self.line.socket.poll(50):
                 word = self.line.receive()

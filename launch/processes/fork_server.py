@@ -23,27 +23,27 @@ from palpate.preloading import (
 _RUNTIME = ("palpate.nodes.runtime.loop", "palpate.messages.types.catalogue")
 _PRELOADING = "palpate.preloading"
 _OWN = "palpate.nodes."
-# Of all processes of a graph.
+# Environment of all processes of a graph.
 NODE_ENVIRONMENT = {
     # One thread for linear algebra: nodes share the machine, and sums keep their order.
     **dict.fromkeys(THREAD_VARIABLES, "1"),
     "PYTHONHASHSEED": "0",
 }
-# The server's socket in the temporary folder, and the longest path of one that systems take.
+# Path of the server's socket in the temporary folder, and the system's limit on it [bytes].
 LONGEST_LISTENER, MAX_SOCKET_BYTES = "pymp-xxxxxxxx/listener-xxxxxxxx", 103
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 def start_fork_server(modules: Iterable[str]) -> None:
-    """Start the server for a graph whose nodes are in these modules, unless one runs.
+    """Start the server for a graph with nodes in these modules, unless a server runs already.
 
-    It goes on by itself, and is ready when the first node can be forked. One that runs already
-    stays as it is: nodes import what it lacks. What must not reach a node is blocked while it is
-    started, and stays so in all that is forked from it. Blocked, not ignored: a Ctrl-C still comes.
+    The server imports the modules in the background. A running server is not changed: nodes import
+    the modules that it lacks. Signals that must not reach a node are blocked while the server is
+    started, and stay blocked in its processes; a Ctrl-C still reaches this process afterwards.
     """
     open_closed_streams()
     multiprocessing.get_context("forkserver").set_forkserver_preload([_PRELOADING])
-    # Python looks for modules first where it is started; our nodes are told where to look later.
+    # Python would search the current folder first; nodes get their path later.
     settings = {
         **NODE_ENVIRONMENT,
         SAFE_PATH_VARIABLE: "1",
@@ -52,8 +52,7 @@ def start_fork_server(modules: Iterable[str]) -> None:
     mask = signal.pthread_sigmask(signal.SIG_BLOCK, _SIGNALS)
     try:
         with without_main_module(), _environment(settings):
-            # Started first, for it unblocks the signals that it ignores, behind our back; it does
-            # not ignore a hangup.
+            # The tracker is started first, since it unblocks the signals that it ignores.
             resource_tracker.ensure_running()
             signal.pthread_sigmask(signal.SIG_BLOCK, _SIGNALS)
             _choose_socket_folder()
@@ -63,10 +62,10 @@ def start_fork_server(modules: Iterable[str]) -> None:
 
 
 def _choose_socket_folder() -> None:
-    """Have the server's own socket lie where its path is short enough: the folder is made once."""
+    """Choose a temporary folder in which the path of the server's socket is short enough."""
     socket = f"{tempfile.gettempdir()}/{LONGEST_LISTENER}"
     if len(os.fsencode(socket)) > MAX_SOCKET_BYTES:
-        from palpate.launch.processes.registry import runtime_folder  # not before: it takes long
+        from palpate.launch.processes.registry import runtime_folder  # imported late: slow
 
         before, tempfile.tempdir = tempfile.tempdir, str(runtime_folder())
         try:
@@ -77,7 +76,7 @@ def _choose_socket_folder() -> None:
 
 @contextmanager
 def _environment(settings: dict[str, str]) -> Iterator[None]:
-    """Set variables for what is started meanwhile."""
+    """Set environment variables during a ``with`` block."""
     before = {key: os.environ.get(key) for key in settings}
     os.environ.update(settings)
     try:
@@ -91,13 +90,13 @@ def _environment(settings: dict[str, str]) -> Iterator[None]:
 
 
 def preloaded_modules(modules: Iterable[str]) -> tuple[str, ...]:
-    """What the server imports for a graph whose nodes are in these modules."""
+    """Modules that the server imports for a graph with nodes in these modules."""
     return (*_RUNTIME, *dict.fromkeys(name for name in modules if name.startswith(_OWN)))
 
 
 @contextmanager
 def without_main_module() -> Iterator[None]:
-    """Keep the child from running the user's script, which a new process does otherwise."""
+    """Keep new processes from running the user's script."""
     script = sys.modules["__main__"]
     sys.modules["__main__"] = ModuleType("__main__")
     try:
@@ -108,7 +107,7 @@ def without_main_module() -> Iterator[None]:
 
 @contextmanager
 def _handled(numbers: Iterable[signal.Signals], handler: Callable[..., object]) -> Iterator[None]:
-    """Have signals handled otherwise meanwhile."""
+    """Set the handler of signals during a ``with`` block."""
     before = {number: signal.signal(number, handler) for number in numbers}
     try:
         yield
@@ -118,19 +117,19 @@ def _handled(numbers: Iterable[signal.Signals], handler: Callable[..., object]) 
 
 
 class Interrupts:
-    """Within its ``with`` block, a request to end is only noted, however often it comes.
+    """Records signals to end during its ``with`` block, in which they have no other effect.
 
-    Raises RuntimeError on entry, if this is not the main thread: only it receives signals.
+    Raises RuntimeError on entry if this is not the main thread, which receives signals.
     """
 
     def __init__(self) -> None:
-        self.came: str | None = None  # Name of the first signal that came
+        self.came: str | None = None  # name of the first signal
         self._kept = ExitStack()
 
     def __enter__(self) -> Interrupts:
         if threading.current_thread() is not threading.main_thread():
             raise RuntimeError("a graph can only be launched from the main thread of a process")
-        # Under nohup a closed terminal is no reason to end.
+        # Under nohup a hangup is ignored.
         ignored = signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
         self._kept.enter_context(_handled(_SIGNALS[: 2 if ignored else 3], self._note))
         return self
@@ -144,23 +143,23 @@ class Interrupts:
 
 @contextmanager
 def signals_as_ctrl_c() -> Iterator[None]:
-    """Have a request to end, whichever it is, interrupt this thread as Ctrl-C does.
+    """Let all signals to end interrupt the main thread as Ctrl-C does.
 
-    Elsewhere than in the main thread nothing is changed: signals do not arrive there.
+    In other threads, which receive no signals, nothing is changed.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    heard = [one for one in _SIGNALS[1:] if signal.getsignal(one) is not signal.SIG_IGN]
-    with _handled(heard, signal.default_int_handler):
+    active = [number for number in _SIGNALS[1:] if signal.getsignal(number) is not signal.SIG_IGN]
+    with _handled(active, signal.default_int_handler):
         yield
 
 
 @contextmanager
 def until_ctrl_c() -> Iterator[Callable[[], bool]]:
-    """Have the first Ctrl-C only noted, so that a loop ends where it can; the second one raises.
+    """Record the first Ctrl-C, so that a loop can end; the second Ctrl-C raises KeyboardInterrupt.
 
-    Yields a function that tells whether it came; elsewhere than in the main thread it never does.
+    Yields a function that returns whether Ctrl-C came; in other threads it is always False.
     """
     came: list[int] = []
     if threading.current_thread() is not threading.main_thread():

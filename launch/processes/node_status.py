@@ -1,4 +1,4 @@
-"""What nodes report of themselves, the sockets on which they do, and how the launcher judges it."""
+"""Reports of nodes about themselves, the launcher's sockets for them, and counting of messages."""
 
 from __future__ import annotations
 
@@ -15,22 +15,36 @@ from palpate.messages import bus, decode, schema_hash
 from palpate.messages.types import TYPES, LogRecord, NodeStatus
 from palpate.nodes.runtime.work import failure_records
 
-# A node without a sign of life for this long, and for as long as it declared that its work may
-# take, is mentioned in the log, s.
-SILENCE = 5.0
-# Open files of the launcher by itself, and for each node: a pipe to and from its process, and the
-# connections of its control, its tap and its topics.
-LAUNCHER_FILES, NODE_FILES = 24, 5
-RETRY = 0.2  # A node that has not answered is asked again after this long, s
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SupervisionSettings:
+    """Times in the supervision of the processes of a graph."""
+
+    tick_period: float = 0.1  # of calls of the watcher [s]
+    max_batch: int = 64  # messages that are received before something else is done
+    silence_limit: float = 5.0  # beyond which a node's silence is logged, and its timeout [s]
+    answer_time: float = 0.2  # after which a node without an answer is asked again [s]
+    count_pause: float = 0.5  # between two rounds of counting messages [s]
+    final_count_pause: float = 0.01  # the same once the graph has finished [s]
+    stall_time: float = 3.0  # without any message, after which a graph has stalled [s]
+    report_time: float = 1.0  # in which the report of a failure arrives after the exit [s]
+    stop_time: float = 30.0  # that a node has to finish and save its work [s]
 
 
-def open_files_needed(nodes: int) -> int:
-    """Files that the launcher of so many nodes has open at once, sockets and pipes among them."""
-    return LAUNCHER_FILES + NODE_FILES * nodes
+DEFAULT_SUPERVISION = SupervisionSettings()
+
+
+def open_files_needed(n_nodes: int, launcher_files: int = 24, files_per_node: int = 5) -> int:
+    """Number of open files, sockets and pipes of the launcher.
+
+    For each node these are pipes to and from its process, and the connections of its control, tap
+    and topics.
+    """
+    return launcher_files + files_per_node * n_nodes
 
 
 def check_open_files(nodes: int) -> None:
-    """Have the system allow as many open files as a graph needs; ValueError if it does not."""
+    """Raise the limit of open files to what a graph needs; ValueError if that is not allowed."""
     needed = open_files_needed(nodes)
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     if soft == resource.RLIM_INFINITY or soft >= needed:
@@ -44,20 +58,28 @@ def check_open_files(nodes: int) -> None:
 
 
 class NodeStatusTable:
-    """The nodes of one graph, as they have reported so far."""
+    """Reports of the nodes of one graph.
 
-    def __init__(self, names: Sequence[str], declared: Mapping[str, float] = {}) -> None:
-        """`declared`: by name, how long a node says that its work may take, s."""
-        self.statuses: dict[str, NodeStatus] = {}  # The latest counters of each node
-        self.ready: set[str] = set()  # Nodes of which all inputs are in step
-        self.exiting: set[str] = set()  # Nodes that have put away what they held
-        self.failed: dict[str, str] = {}  # Nodes that have failed, and of what
+    `timeouts`: by name, the time that a node declares that its work may take [s]. A node that is
+    silent for longer than that and than `silence_limit` [s] is logged.
+    """
+
+    def __init__(
+        self,
+        names: Sequence[str],
+        timeouts: Mapping[str, float] = {},
+        silence_limit: float = DEFAULT_SUPERVISION.silence_limit,
+    ) -> None:
+        self.statuses: dict[str, NodeStatus] = {}  # the last counters of each node
+        self.ready: set[str] = set()  # nodes whose inputs are all connected
+        self.exiting: set[str] = set()  # nodes that have saved their work
+        self.failed: dict[str, str] = {}  # failures by node
         self._alive = dict.fromkeys(names, time.monotonic())
         self._mentioned: set[str] = set()
-        self._patience = {name: max(SILENCE, declared.get(name, 0.0)) for name in names}
+        self._limits = {name: max(silence_limit, timeouts.get(name, 0.0)) for name in names}
 
     def receive(self, name: str, word: bus.ControlMessage) -> list[LogRecord]:
-        """Take a node's report about itself; returns what is worth a line in the log.
+        """Take a node's report about itself; returns records for the log.
 
         Raises ValueError if the node's counters cannot be read.
         """
@@ -77,24 +99,24 @@ class NodeStatusTable:
         return []
 
     def left(self, name: str) -> str | None:
-        """A node's process has ended; what it failed of, if it told."""
+        """Take note of the end of a node's process; returns the failure that it reported."""
         self.ready.discard(name)
         self._alive[name] = time.monotonic()
         return self.failed.pop(name, None)
 
     def silence(self, name: str, now: float) -> float:
-        """Time since the last report of a node, s."""
+        """Time since the last report of a node [s]."""
         return now - self._alive[name]
 
     def silent(self, now: float) -> list[LogRecord]:
-        """Lines for the log about nodes that have been silent for long, once each."""
+        """Records for the log about nodes that are silent for too long, once each."""
         lines = []
         for name, when in self._alive.items():
-            silent = now - when > self._patience[name]
-            if silent and name not in self._mentioned and name not in self.exiting:
+            is_silent = now - when > self._limits[name]
+            if is_silent and name not in self._mentioned and name not in self.exiting:
                 self._mentioned.add(name)
                 doing = "is still working" if name in self.ready else "is still starting"
-                text = f"{name} {doing}, or hangs: no sign of life for {self._patience[name]:g} s"
+                text = f"{name} {doing}, or hangs: no sign of life for {self._limits[name]:g} s"
                 lines.append(_log_record(name, "warning", text))
         return lines
 
@@ -113,47 +135,57 @@ class Edge(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class MessageCounts:
-    """One node's answer."""
+    """Numbers of messages of one node."""
 
-    sent: dict[str, int]  # Messages sent on each topic
-    consumed: dict[tuple[str, str], int]  # Messages consumed, by publisher and topic
-    waits: tuple[str, ...] = ()  # Topics without whose first message the node handles nothing else
-    can_publish: bool = False  # Whether it may publish of its own yet: nothing need move for long
+    sent: dict[str, int]  # by topic
+    consumed: dict[tuple[str, str], int]  # by publisher and topic
+    waits: tuple[str, ...] = ()  # topics that the node needs before it handles other messages
+    can_publish: bool = False  # whether a source may still publish, however long it is quiet
 
 
 class TerminationDetector:
-    """Rounds of counting everybody by name, and what went over the edges between them."""
+    """Rounds of counting the messages of all nodes, which show that a graph is done or stalled.
 
-    def __init__(self, names: Sequence[str], edges: Sequence[Edge]) -> None:
-        self.round = 0  # Number of the round
+    A node that has not answered is asked again after `answer_time` [s].
+    """
+
+    def __init__(
+        self,
+        names: Sequence[str],
+        edges: Sequence[Edge],
+        answer_time: float = DEFAULT_SUPERVISION.answer_time,
+    ) -> None:
+        self.round = 0  # number of the round
+        self._answer_time = answer_time
         self._names, self._edges = tuple(names), tuple(edges)
         self._counts: dict[str, MessageCounts] = {}
         self._last: dict[str, MessageCounts] | None = None
         self._since, self._equal, self._due = 0.0, 0, 0.0
 
     def forget(self) -> None:
-        """Begin anew: what was counted before does not matter any more."""
+        """Begin a new round, and discard all counts."""
         self.round += 1
         self._counts, self._last, self._equal, self._due = {}, None, 0, 0.0
 
     def drop(self, name: str) -> None:
-        """Count somebody no more, who has died and is done without."""
-        self._names = tuple(one for one in self._names if one != name)
-        kept = (one for one in self._edges if name not in (one.subscriber, one.publisher))
-        self._edges = tuple(kept)
+        """Leave out a node that has died, and its edges."""
+        self._names = tuple(other for other in self._names if other != name)
+        self._edges = tuple(
+            edge for edge in self._edges if name not in (edge.subscriber, edge.publisher)
+        )
         self.forget()
 
     def to_ask(self, now: float) -> list[str]:
-        """Names of those who are to be asked now."""
+        """Names of the nodes that are to be asked now."""
         if now < self._due:
             return []
-        self._due = now + RETRY
+        self._due = now + self._answer_time
         return [name for name in self._names if name not in self._counts]
 
     def answer(
         self, name: str, round_: int, count: MessageCounts, now: float, pause: float
     ) -> None:
-        """Take a node's answer; when it is the last of its round, the next is due after a pause."""
+        """Take a node's answer; after the last one of a round the next is due after `pause` [s]."""
         if round_ != self.round or name not in self._names:
             return
         self._counts[name] = count
@@ -168,22 +200,22 @@ class TerminationDetector:
 
     @property
     def settled(self) -> bool:
-        """Whether nothing is on its way: two rounds are equal, and all that was sent consumed."""
+        """Whether no message is underway: two rounds are equal, and all sent messages consumed."""
         return self._equal > 1 and not self.unconsumed()
 
     def still_for(self, now: float) -> float:
-        """Time for which nothing has been sent or consumed, s; 0 if a source may speak yet."""
+        """Time without sent or consumed messages [s]; 0 if a source may still publish."""
         can_publish = any(count.can_publish for count in (self._last or {}).values())
         if self._equal < 2 or (can_publish and not self.unconsumed()):
             return 0.0
         return now - self._since
 
     def unconsumed(self) -> list[tuple[Edge, int, int]]:
-        """Edges on which more was sent than consumed, with both numbers, from the last round."""
+        """Edges of the last round with fewer messages consumed than sent, with both numbers."""
         return [entry for entry in self._traffic() if entry[1] != entry[2]]
 
     def complaints(self) -> list[str]:
-        """Who waits for what, as far as counting can tell."""
+        """Sentences about missing messages, by the counts."""
         needs = [
             f"{name} needs {', '.join(count.waits)} before anything else"
             for name, count in (self._last or {}).items()
@@ -213,7 +245,7 @@ class TerminationDetector:
 
 
 class LauncherSockets:
-    """The launcher's sockets; `sources` are the topics that it subscribes to, by publisher."""
+    """The launcher's sockets; `sources`: the topics to which it subscribes, by publisher."""
 
     def __init__(self, place: bus.Addresses, sources: Mapping[str, Sequence[str]]) -> None:
         self._wires = bus.SocketContext(place.key)
@@ -232,12 +264,12 @@ class LauncherSockets:
         self.taps = bus.TapReader(
             context, place.taps.values(), (bus.STATUS_TOPIC, bus.LOG_TOPIC), place.depth
         )
-        # Messages received, by publisher and topic.
+        # Numbers of messages received, by publisher and topic.
         self.consumed: Counter[tuple[str, str]] = Counter()
         self._types: dict[int, type] = {}
         self._poller = zmq.Poller()
-        for one in (self.line, self.tools, self.subscriber, self.taps):
-            self._poller.register(one.socket, zmq.POLLIN)
+        for reader in (self.line, self.tools, self.subscriber, self.taps):
+            self._poller.register(reader.socket, zmq.POLLIN)
 
     def __enter__(self) -> LauncherSockets:
         return self
@@ -250,19 +282,19 @@ class LauncherSockets:
         self._wires.close()
 
     def watch(self, sentinel: int) -> None:
-        """Also wake when this process ends."""
+        """Also wake when the process of this sentinel ends."""
         self._poller.register(sentinel, zmq.POLLIN)
 
     def unwatch(self, sentinel: int) -> None:
-        """Do not wake for this process any more."""
+        """Do not wake for this sentinel any more."""
         self._poller.unregister(sentinel)
 
     def wait(self, timeout_ms: int) -> list[int]:
-        """Wait until something arrives or a process ends; returns the sentinels of such."""
+        """Wait for a message or the end of a process; returns the sentinels of ended processes."""
         return [who for who, _ in self._poller.poll(timeout_ms) if isinstance(who, int)]
 
     def receive(self) -> tuple[str, object] | None:
-        """Topic and message of what has arrived next on the topics, or None."""
+        """The next message on the topics, with its topic; None if there is none."""
         arrival = self.subscriber.receive()
         if arrival is None:
             return None
@@ -271,7 +303,7 @@ class LauncherSockets:
         return arrival.topic, decode(cls, arrival.body)
 
     def receive_tap(self) -> object | None:
-        """What a node tells of itself, or None."""
+        """The next status or log record of a node; None if there is none."""
         tapped = self.taps.receive()
         if tapped is None:
             return None

@@ -1,9 +1,9 @@
-"""The processes of a graph while it runs: started, watched for hanging, started again.
+"""The processes of a running graph: started, watched for hanging, and restarted.
 
-They are forked here from a server (`fork_server`) that has already imported what they need, or
-started on another machine; nodes share no state. A node gives signs of life from its own loop, so
-that a handler that never ends is seen. How long one may take is the node's parameter, in processor
-time: a busy machine makes no node hang.
+They are forked from a server (`fork_server`) that has already imported their modules, or started on
+another machine; nodes share no state. A node sends signs of life from its own loop, so that a
+handler that never ends is detected. The time that a handler may take is a parameter of the node,
+in processor time: on a busy machine no node seems to hang.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import signal
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from multiprocessing.connection import wait
 from pathlib import Path
 from typing import NamedTuple, Protocol
@@ -27,20 +27,27 @@ from palpate.messages.bus import Addresses
 from palpate.nodes.runtime.loop import enter_process
 from palpate.nodes.runtime.node import OnExit, Wiring
 
-MAX_RESTARTS, RESTART_WINDOW = 3, 10.0  # Starts of a node within so many s: more is a storm
 OUT_OF_MEMORY = "was killed by the system for want of memory"
-MIN_WORK = 2.0  # A node that is killed sooner was killed by somebody, not for memory, s
-SILENCE_LIMIT = 1.2  # Signs of life come four a second; a node without one so long is looked at, s
-LAUNCHER_GAP = 0.5  # If the launcher had not run for so long, nobody is blamed for silence, s
-GRACE = 2.5  # A process that is asked to end is killed after this long, s
 _CONTEXT = multiprocessing.get_context("forkserver")
-HEARTBEAT, HOST_LOST = 0.5, 6.0  # How often each side shows life, and when the other is lost, s
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HostSettings:
+    """Times of processes that are ended, and of the connection to other machines."""
+
+    exit_time: float = 2.5  # after which a process that was asked to end is killed [s]
+    answer_time: float = 10.0  # that another machine has for its first answer [s]
+    heartbeat_period: float = 0.5  # of signs of life of the launcher and other machines [s]
+    silence_limit: float = 6.0  # after which either side takes the other for lost [s]
+
+
+DEFAULT_HOST_SETTINGS = HostSettings()
 
 
 class ProcessTable:
     """The processes of one graph.
 
-    `ahead_ns` tells how far this machine's clock is ahead of that of a node's machine, ns.
+    `ahead_ns` returns how far this machine's clock is ahead of that of a node's machine [ns].
     """
 
     def __init__(
@@ -51,19 +58,18 @@ class ProcessTable:
         sockets: LauncherSockets,
         ahead_ns: Callable[[str], int],
     ) -> None:
-        self.wirings = {wiring.name: wiring for wiring in wirings}  # The nodes by name
-        # What has died so far.
-        self.restarts = RestartPolicy({one.name: one.on_exit for one in wirings})
+        self.wirings = {wiring.name: wiring for wiring in wirings}  # by name
+        self.restarts = RestartPolicy({wiring.name: wiring.on_exit for wiring in wirings})
         self._addresses, self._hosts, self._sockets = place, hosts, sockets
         self._ahead_ns = ahead_ns
-        self._watchdog = Watchdog({one.name: one.handler_timeout for one in wirings})
+        self._watchdog = Watchdog({wiring.name: wiring.handler_timeout for wiring in wirings})
         self._kills = KilledNodes(place.journals)
         self._hung: dict[str, float] = {}
         self._living: dict[int, str] = {}
 
     @property
     def living(self) -> list[str]:
-        """Names of the nodes whose processes have not ended."""
+        """Names of the nodes with running processes."""
         return list(self._living.values())
 
     def pid(self, name: str) -> int:
@@ -71,7 +77,7 @@ class ProcessTable:
         return self._hosts.of(name).pid(name)
 
     def spawn(self, name: str, *, going: bool = False) -> None:
-        """Start the process of a node, again if the graph is going.
+        """Start the process of a node; `going`: the graph is running already.
 
         Raises ChildProcessError if it cannot be started.
         """
@@ -79,7 +85,7 @@ class ProcessTable:
         place = replace(self._addresses, epoch=epoch, going=going, ahead_ns=ahead_ns)
         packed = msgspec.msgpack.encode(place)
         wiring = self.wirings[name]
-        # Its parameters in bytes once more: only the node knows their type.
+        # The parameters are encoded separately: only the node knows their type.
         seat = replace(wiring, params=msgspec.msgpack.encode(wiring.params))
         sentinel = self._hosts.of(name).spawn(name, msgspec.msgpack.encode(seat), packed)
         self._living[sentinel] = name
@@ -95,7 +101,7 @@ class ProcessTable:
         return name, self._hosts.of(name).exit_code(name)
 
     def how_it_died(self, name: str, code: int, failed: str | None) -> str:
-        """How a node died, as the rest of a sentence; what it failed of, if it told."""
+        """How a node died, as the rest of a sentence; `failed`: the failure that it reported."""
         silence = self._hung.pop(name, None)
         if silence is not None:
             return f"hung: it gave no sign of life for {silence:.1f} s"
@@ -106,7 +112,7 @@ class ProcessTable:
         return exit_text(code)
 
     def sign(self, name: str, kind: str) -> None:
-        """A node has reported something of a kind to the launcher."""
+        """Take note of a node's report to the launcher."""
         if kind in ("exiting", "failed"):
             self._watchdog.forget(name)
         elif name in self.living:
@@ -114,12 +120,12 @@ class ProcessTable:
             self._watchdog.sign(name, time.monotonic(), 0.0 if process is None else process.used)
 
     def let_begin(self) -> None:
-        """All nodes begin: that may take its time, and signs of life count from the next on."""
+        """Take note that all nodes begin: the watchdog waits for their next signs of life."""
         for name in self.living:
             self._watchdog.begin(name, time.monotonic())
 
-    def see_to_hung(self, now: float) -> None:
-        """Kill what hangs: it is then buried as others are."""
+    def kill_hung(self, now: float) -> None:
+        """Kill the processes that hang."""
         pids = {name: self._hosts.of(name).pid(name) for name in self.living}
         for name, silence in self._watchdog.hung(now, pids).items():
             self._hung[name] = silence
@@ -128,34 +134,34 @@ class ProcessTable:
 
 
 class KilledNodes:
-    """Which of the nodes that were killed were so by the system, for want of memory.
+    """Decides which killed nodes were killed by the system for want of memory.
 
-    The system counts whom it kills for memory; in a container it may not tell. Then a node that
-    worked for a while and came no further than at its last death, by the journal of what it
-    consumed, has met the same end.
+    The system counts processes that it kills for memory, but may hide this in a container. Then a
+    node that ran for at least `min_work_time` [s] and came no further than at its last death, by
+    the journal of the messages that it consumed, is taken for killed for memory.
     """
 
-    def __init__(self, journals: Mapping[str, str]) -> None:
-        self._journals = journals
+    def __init__(self, journals: Mapping[str, str], min_work_time: float = 2.0) -> None:
+        self._journals, self._min_work_time = journals, min_work_time
         self._counted = memory_kills()
         self._begun: dict[str, float] = {}
         self._places: dict[str, int] = {}
 
     def begun(self, name: str, now: float) -> None:
-        """A node was started; monotonic time, s."""
+        """Take note of the start of a node, at monotonic time `now` [s]."""
         self._begun[name] = now
 
     def _journalled(self, name: str) -> int:
-        """Bytes of its journal: how far it came."""
+        """Size of a node's journal [bytes], which shows its progress; 0 if unknown."""
         try:
             return os.stat(self._journals.get(name, "")).st_size
         except OSError:  # on another machine
             return 0
 
     def for_memory(self, name: str, now: float) -> bool:
-        """Whether a node that was killed was so for memory, as far as can be told."""
+        """Whether a node that was killed was probably killed for memory."""
         counted, place = memory_kills(), self._journalled(name)
-        worked = now - self._begun.get(name, now) >= MIN_WORK
+        worked = now - self._begun.get(name, now) >= self._min_work_time
         stuck = 0 < place == self._places.get(name) and worked
         known = counted > self._counted or stuck
         self._counted, self._places[name] = counted, place
@@ -163,7 +169,7 @@ class KilledNodes:
 
 
 def memory_kills() -> int:
-    """How many processes this system has killed for want of memory; 0 where it does not tell."""
+    """Number of processes that the system has killed for want of memory; 0 if unknown."""
     try:
         with open("/proc/vmstat", encoding="ascii") as file:
             counts = (line.split() for line in file)
@@ -173,19 +179,21 @@ def memory_kills() -> int:
 
 
 class RestartPolicy:
-    """What nodes have died of so far, and what is done about it."""
+    """Decides whether a dead node is restarted: at most `max_restarts` times in `window` [s]."""
 
-    def __init__(self, on_exit: Mapping[str, OnExit]) -> None:
-        self.counts = dict.fromkeys(on_exit, 0)  # How often each node has been started again
-        self._on_exit = on_exit
+    def __init__(
+        self, on_exit: Mapping[str, OnExit], max_restarts: int = 3, window: float = 10.0
+    ) -> None:
+        self.counts = dict.fromkeys(on_exit, 0)  # number of restarts of each node
+        self._on_exit, self._max_restarts, self._window = on_exit, max_restarts, window
         self._failed_while: dict[str, str] = {}
-        self._when: dict[str, deque[float]] = {name: deque(maxlen=MAX_RESTARTS) for name in on_exit}
+        self._when: dict[str, deque[float]] = {name: deque(maxlen=max_restarts) for name in on_exit}
 
     def refusal(self, name: str, how: str, failed: bool, now: float) -> str | None:
-        """Why a node that died may not be started again, in a sentence; None if it may.
+        """The reason not to restart a node that died, as a sentence; None if it may be restarted.
 
-        `how` is the rest of a sentence that begins with its name; `failed` is whether it reported
-        that itself; `now` is monotonic time, s.
+        `how`: the rest of a sentence that begins with its name. `failed`: it reported a failure.
+        `now`: monotonic time [s].
         """
         if self._on_exit[name] == "stop":
             return f"{name} {how}"
@@ -194,10 +202,10 @@ class RestartPolicy:
                 return f"{name} {how}; so it did when it was started again"
             self._failed_while[name] = how
         when = self._when[name]
-        if len(when) == MAX_RESTARTS and now - when[0] < RESTART_WINDOW:
+        if len(when) == self._max_restarts and now - when[0] < self._window:
             return (
-                f"{name} {how}, after it had been started again {MAX_RESTARTS} times "
-                f"in {RESTART_WINDOW:g} s"
+                f"{name} {how}, after it had been started again {self._max_restarts} times "
+                f"in {self._window:g} s"
             )
         when.append(now)
         self.counts[name] += 1
@@ -205,10 +213,10 @@ class RestartPolicy:
 
 
 class ProcessState(NamedTuple):
-    """What a process is doing, as the system has it."""
+    """State of a process in the system."""
 
     state: str  # R: it runs, or waits for the processor; T: it is stopped; others: it waits
-    used: float  # Processor time so far, s
+    used: float  # processor time so far [s]
 
 
 class _Heartbeat(NamedTuple):
@@ -218,34 +226,45 @@ class _Heartbeat(NamedTuple):
 
 
 class Watchdog:
-    """The signs of life of nodes, by name with the longest time that a handler may take, s."""
+    """Finds nodes that hang by their signs of life, of which four are due in a second.
 
-    def __init__(self, handler_timeout: Mapping[str, float]) -> None:
+    `handler_timeout`: by name, the processor time that a handler may take [s]. A node is examined
+    after a silence of `silence_limit` [s]. After a gap of the launcher itself of `launcher_gap` [s]
+    all silences are forgotten.
+    """
+
+    def __init__(
+        self,
+        handler_timeout: Mapping[str, float],
+        silence_limit: float = 1.2,
+        launcher_gap: float = 0.5,
+    ) -> None:
         self._handler_timeout = handler_timeout
+        self._silence_limit, self._launcher_gap = silence_limit, launcher_gap
         self._signs: dict[str, _Heartbeat] = {}
-        self._looked = 0.0
+        self._last_check = 0.0
 
     def sign(self, name: str, now: float, used: float) -> None:
-        """A node has given a sign of life, when it had used so much processor time, s."""
+        """Take a sign of life of a node with `used` processor time [s]."""
         self._signs[name] = _Heartbeat(now, used, True)
 
     def begin(self, name: str, now: float) -> None:
-        """A node begins: until its next sign, which may take a while, it must not be stopped."""
+        """Take note that a node begins: until its next sign it hangs only if it is stopped."""
         self._signs[name] = _Heartbeat(now, 0.0, False)
 
     def forget(self, name: str) -> None:
-        """A node has died, or has taken its leave: nothing more is expected of it."""
+        """Expect no more signs of a node, which has died or exits."""
         self._signs.pop(name, None)
 
     def hung(self, now: float, pids: Mapping[str, int]) -> dict[str, float]:
-        """Names of the nodes that hang, with the time since their last sign, s."""
-        if now - self._looked > LAUNCHER_GAP:
+        """Nodes that hang, with the time since their last sign [s]."""
+        if now - self._last_check > self._launcher_gap:
             self._signs = {name: sign._replace(when=now) for name, sign in self._signs.items()}
-        self._looked = now
+        self._last_check = now
         return {
             name: now - sign.when
             for name, sign in self._signs.items()
-            if now - sign.when > SILENCE_LIMIT
+            if now - sign.when > self._silence_limit
             and self._hangs(name, now, sign, process_state(pids[name]))
         }
 
@@ -254,14 +273,15 @@ class Watchdog:
             return True
         if not sign.begun:
             return False
-        silence, handler_timeout = now - sign.when, max(self._handler_timeout[name], SILENCE_LIMIT)
+        silence = now - sign.when
+        handler_timeout = max(self._handler_timeout[name], self._silence_limit)
         if process is not None and process.state == "R":
             return process.used - sign.used > handler_timeout
         return silence > handler_timeout
 
 
 def process_state(pid: int) -> ProcessState | None:
-    """What a process is doing; None where the system does not tell."""
+    """State of a process; None if the system does not show it."""
     try:
         fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     except OSError:
@@ -277,38 +297,37 @@ class NodeHost(Protocol):
         """Its address and port."""
 
     def spawn(self, name: str, wiring: bytes, place: bytes) -> int:
-        """Start a process; returns what wakes when it ends. Raises ChildProcessError."""
+        """Start a process; returns its sentinel. Raises ChildProcessError."""
 
     def exit_code(self, name: str) -> int:
         """Exit code of a process that has ended; negative for a signal."""
 
     def pid(self, name: str) -> int:
-        """Number of the process of a node, if it means anything here, else 0."""
+        """Number of the process of a node on this machine, else 0."""
 
     def kill(self, name: str) -> None:
         """Kill a process at once."""
 
     def receive(self, now: float) -> None:
-        """Take in what the machine reports."""
+        """Take the reports of the machine."""
 
     def end(self) -> None:
         """End all its processes."""
 
 
 class ProcessHosts:
-    """The fork server of this machine, and the hosts of the nodes that are elsewhere, by name."""
+    """The fork server of this machine, and the other machines by the names of their nodes."""
 
     def __init__(self, server: ForkServer, away: Mapping[str, NodeHost]) -> None:
         self._server, self._away = server, away
-        # The other machines.
         self.hosts = list({host.name: host for host in away.values()}.values())
 
     def of(self, name: str) -> ForkServer | NodeHost:
-        """Where the process of a node is started, and ended."""
+        """The fork server or machine of a node's process."""
         return self._away.get(name) or self._server
 
     def receive(self) -> None:
-        """Take in what other machines report."""
+        """Take the reports of other machines."""
         now = time.monotonic()
         for host in self.hosts:
             host.receive(now)
@@ -321,10 +340,12 @@ class ProcessHosts:
 
 
 class ForkServer:
-    """The processes of one graph; none of them is left when its ``with`` block ends."""
+    """The processes of one graph, all of which have ended after its ``with`` block."""
 
-    def __init__(self, modules: Iterable[str]) -> None:
-        self._modules = tuple(modules)
+    def __init__(
+        self, modules: Iterable[str], settings: HostSettings = DEFAULT_HOST_SETTINGS
+    ) -> None:
+        self._modules, self._settings = tuple(modules), settings
         self._children: dict[str, multiprocessing.context.ForkServerProcess] = {}
 
     def __enter__(self) -> ForkServer:
@@ -364,11 +385,11 @@ class ForkServer:
         return self._children[name].pid or 0
 
     def end(self) -> None:
-        """End all processes: they are asked, and killed if they take too long."""
+        """End all processes: they are asked to end, and later killed."""
         living = [child for child in self._children.values() if child.exitcode is None]
         for child in living:
             child.terminate()
-        deadline = time.monotonic() + GRACE
+        deadline = time.monotonic() + self._settings.exit_time
         while living and (left := deadline - time.monotonic()) > 0:
             wait([child.sentinel for child in living], left)
             living = [child for child in living if child.exitcode is None]

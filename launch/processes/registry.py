@@ -1,7 +1,4 @@
-"""What a graph leaves for others to find.
-
-Its card while it runs, and what a later run can go on from.
-"""
+"""Files of a running graph: its card, by which tools find it, and logs to continue a run."""
 
 from __future__ import annotations
 
@@ -37,115 +34,113 @@ from palpate.nodes.runtime.node import RecordedNode, Wiring
 
 FOLDER_PREFIX = "palpate-run-"
 CARD_FILE, LOCK_FILE = "run.json", "lock"
-RUNS_FOLDER = "runs"  # Where run directories are made, in the working directory
-LONGEST_SOCKET = f"{FOLDER_PREFIX}{8 * 'x'}/control"  # In a private folder, named at random
+RUNS_FOLDER = "runs"  # folder of run directories, in the working directory
+LONGEST_SOCKET = f"{FOLDER_PREFIX}{8 * 'x'}/control"  # in a private folder with a random name
 SYSTEM_TEMPORARY = "/tmp"
-MESSAGE_LOG_FOLDER = ".published"  # In the run directory, for what is published and not remembered
-# What a private folder may hold: one that holds anything else is somebody's own.
+MESSAGE_LOG_FOLDER = ".published"  # in the run directory, for messages that exceed the memory
+# Names of files in a private folder: a folder with other files is not one.
 OWN_FILES = re.compile(r"[jnpst]\d+|j\d+[co]|control|tools|lock|\.?run\.json")
-GRAPH_VARIABLE = "PALPATE_GRAPH"  # Of the environment: which running graph the tools mean
-GRACE_AGE = 60.0  # A folder without a card may just be coming up until it is so old, s
-_RUN_BITS = 63
+GRAPH_VARIABLE = "PALPATE_GRAPH"  # environment variable of the running graph for tools
 
 
 class RunCard(msgspec.Struct, frozen=True, kw_only=True):
-    """What a running graph tells of itself."""
+    """Description of a running graph for tools."""
 
-    run: str  # Number of the run, 16 hexadecimal digits
-    name: str  # Name of its scene or launch file
-    pid: int  # Process of its launcher
-    began: str  # Local time at which it was launched
-    folder: str  # Its run directory; empty if it has none
-    started_in: str = ""  # Working directory in which it was launched; empty if not known
-    ends: str  # The node whose Finished ends it
-    nodes: tuple[RecordedNode, ...]  # Its nodes
-    taps: dict[str, str]  # Name of the node to the address of its tap
-    tools: str  # Address at which the launcher answers tools
-    key: str = ""  # File of the key that tools need; empty within one machine
-    # Parameters with which it began, of each node of which some were set since
+    run: str  # number of the run, 16 hexadecimal digits
+    name: str  # of its scene or launch file
+    pid: int  # of the launcher's process
+    began: str  # local time of the launch
+    folder: str  # run directory; empty if there is none
+    started_in: str = ""  # working directory of the launch; empty if unknown
+    ends: str  # node whose Finished ends it
+    nodes: tuple[RecordedNode, ...]
+    taps: dict[str, str]  # addresses of the taps by node
+    tools: str  # address at which the launcher answers tools
+    key: str = ""  # file of the key that tools need; empty within one machine
+    # Initial parameters of nodes with parameters that have been changed since.
     initial: dict[str, msgspec.Raw] = {}
 
     @property
     def topics(self) -> dict[str, str]:
-        """Topic to the name of its message type."""
-        return {topic: name for one in self.nodes for topic, name in one.types.items()}
+        """Names of message types by topic."""
+        return {topic: name for node in self.nodes for topic, name in node.types.items()}
 
     @property
     def schemas(self) -> dict[str, str]:
-        """Name of each message type that palpate does not have, to its JSON schema."""
-        return {name: text for one in self.nodes for name, text in one.schemas.items()}
+        """JSON schemas of message types that are not palpate's, by name."""
+        return {name: text for node in self.nodes for name, text in node.schemas.items()}
 
     @property
     def publishers(self) -> dict[str, str]:
-        """Topic to the node that publishes it."""
-        return {topic: one.name for one in self.nodes for topic in one.outputs.values()}
+        """Publishing nodes by topic."""
+        return {topic: node.name for node in self.nodes for topic in node.outputs.values()}
 
     def is_called(self, name: str) -> bool:
-        """Whether that is its name, begins its number, or is its folder or a recording there.
+        """Whether a text is its name, the beginning of its number, or its folder or recording.
 
-        Of the folder, its last part alone will do.
+        The last part of the folder is enough.
         """
         path = Path(name).resolve()
-        home = path.parent if path.suffix == ".mcap" else path
+        folder = path.parent if path.suffix == ".mcap" else path
         run_dir = Path(self.folder).resolve() if self.folder else None
-        same = run_dir is not None and (run_dir == home or run_dir.name == name)
-        return same or self.run.startswith(name) or self.name == name
+        is_folder = run_dir is not None and (run_dir == folder or run_dir.name == name)
+        return is_folder or self.run.startswith(name) or self.name == name
 
     def belongs_to(self, folder: Path) -> bool:
-        """Whether it was started in a folder, or its run directory is that, or lies in its runs."""
+        """Whether it was started in a folder, or its run directory is the folder or in its runs."""
         if self.started_in and Path(self.started_in) == folder:
             return True
         run_dir = Path(self.folder).resolve() if self.folder else None
-        homes = (folder, folder / RUNS_FOLDER)
-        return run_dir is not None and (run_dir == folder or run_dir.parent in homes)
+        parents = (folder, folder / RUNS_FOLDER)
+        return run_dir is not None and (run_dir == folder or run_dir.parent in parents)
 
     @property
     def title(self) -> str:
-        """Number, name and run directory, as a list of graphs has it."""
+        """Number, name and run directory, for lists of graphs."""
         where = f" in {_shown(Path(self.folder))}" if self.folder else ""
         return f"{self.run[:6]} ({self.name}{where})"
 
     def subscribers(self, topic: str) -> tuple[str, ...]:
         """The nodes that subscribe to a topic."""
-        return tuple(one.name for one in self.nodes for x in one.inputs if x.topic == topic)
+        return tuple(node.name for node in self.nodes for x in node.inputs if x.topic == topic)
 
 
 def runtime_folder(parent: Path | None = None) -> Path:
-    """Where private folders are made: the user's run-time folder, or else the temporary one.
+    """The parent of private folders: the user's run-time folder, else the temporary folder.
 
-    If sockets there had too long a path, the system's temporary folder.
+    It is the system's temporary folder if paths of sockets in the others are too long.
     """
     if parent is not None:
         return parent
     named = (os.environ.get("XDG_RUNTIME_DIR", ""), tempfile.gettempdir(), SYSTEM_TEMPORARY)
-    usable = [Path(one) for one in named if one and os.access(one, os.W_OK | os.X_OK)]
-    fitting = [one for one in usable if fits_socket(one / LONGEST_SOCKET)]
+    usable = [Path(name) for name in named if name and os.access(name, os.W_OK | os.X_OK)]
+    fitting = [path for path in usable if fits_socket(path / LONGEST_SOCKET)]
     return next(iter([*fitting, *usable]), Path(tempfile.gettempdir()))
 
 
 def fits_socket(path: Path) -> bool:
-    """Whether a socket's path is short enough for the system."""
+    """Whether the path of a socket is short enough for the system."""
     return len(os.fsencode(path)) <= zmq.IPC_PATH_MAX_LEN
 
 
 def announce(folder: Path, card: RunCard) -> None:
-    """Lay the card out, whole."""
+    """Write the card, whole or not at all."""
     part = folder / f".{CARD_FILE}"
     part.write_bytes(msgspec.json.encode(card))
     part.replace(folder / CARD_FILE)
 
 
 class Announcement:
-    """The card of a graph that runs; it tells parameters as they were set last."""
+    """The card of a running graph, with the parameters as they were set last."""
 
     def __init__(self, folder: Path, card: RunCard) -> None:
         self._folder, self._card = folder, card
         announce(folder, card)
 
     def set(self, name: str, params: Any) -> None:
-        """A node has other parameters."""
+        """Write other parameters of a node."""
         raw, card = msgspec.Raw(msgspec.json.encode(params)), self._card
-        nodes = {one.name: one for one in card.nodes}
+        nodes = {node.name: node for node in card.nodes}
         initial = {name: nodes[name].params, **card.initial}
         nodes[name] = msgspec.structs.replace(nodes[name], params=raw)
         self._card = msgspec.structs.replace(card, nodes=(*nodes.values(),), initial=initial)
@@ -153,33 +148,34 @@ class Announcement:
 
 
 def running_graphs(parent: Path | None = None) -> list[RunCard]:
-    """The graphs of this user that run, the latest last."""
-    held = (card for x in _folders(parent) if (card := _read_card(x)) and _is_held(x))
-    return sorted(held, key=lambda card: card.began)
+    """The running graphs of this user, the latest last."""
+    cards = (card for x in _folders(parent) if (card := _read_card(x)) and _is_held(x))
+    return sorted(cards, key=lambda card: card.began)
 
 
 def stale_folders(parent: Path | None = None) -> list[Path]:
-    """Folders whose launcher was killed before it could take them away."""
+    """Folders of launchers that were killed before they could remove them."""
     return [folder for folder in _folders(parent) if _is_stale(folder)]
 
 
 def _folders(parent: Path | None) -> list[Path]:
     try:
-        found = runtime_folder(parent).glob(f"{FOLDER_PREFIX}*")
-        return [path for path in found if path.is_dir() and path.stat().st_uid == os.getuid()]
+        folders = runtime_folder(parent).glob(f"{FOLDER_PREFIX}*")
+        return [path for path in folders if path.is_dir() and path.stat().st_uid == os.getuid()]
     except OSError:
         return []
 
 
-def _is_stale(folder: Path) -> bool:
+def _is_stale(folder: Path, min_age: float = 60.0) -> bool:
+    """Whether a folder is left behind; without a card it may be new until `min_age` [s]."""
     try:
-        # Who takes a folder away may be killed, too, when the lock has gone and others are left.
+        # A launcher may be killed while it removes a folder, whose lock is removed first.
         file = folder / LOCK_FILE if (folder / LOCK_FILE).exists() else folder
-        old = time.time() - file.stat().st_mtime > GRACE_AGE
-        ours = all(OWN_FILES.fullmatch(entry.name) for entry in folder.iterdir())
+        is_old = time.time() - file.stat().st_mtime > min_age
+        is_own = all(OWN_FILES.fullmatch(entry.name) for entry in folder.iterdir())
     except OSError:
         return False
-    return ours and (old or (folder / CARD_FILE).exists()) and not _is_held(folder)
+    return is_own and (is_old or (folder / CARD_FILE).exists()) and not _is_held(folder)
 
 
 def _is_held(folder: Path) -> bool:
@@ -197,7 +193,7 @@ def _is_held(folder: Path) -> bool:
 
 
 def remove_stale_folders(parent: Path | None = None) -> None:
-    """Take away what killed launchers have left."""
+    """Remove the folders of killed launchers."""
     for folder in stale_folders(parent):
         card = _read_card(folder)
         if card is not None and card.folder:
@@ -213,11 +209,11 @@ def _read_card(folder: Path) -> RunCard | None:
 
 
 def find_run(wanted: str | None, parent: Path | None = None) -> RunCard:
-    """The running graph that is meant.
+    """The running graph with name `wanted`, as of `RunCard.is_called`.
 
-    That is the one that is called `wanted`, as `RunCard.is_called` says; else the one that the
-    environment variable PALPATE_GRAPH calls so; else the one that belongs to the working directory;
-    else the only one. Raises ValueError if there is none, or several may be meant.
+    Without a name it is the graph named by the environment variable PALPATE_GRAPH, else the one
+    that belongs to the working directory, else the only one. Raises ValueError if there is no such
+    graph, or several.
     """
     cards = running_graphs(parent)
     if not cards:
@@ -238,12 +234,12 @@ def find_run(wanted: str | None, parent: Path | None = None) -> RunCard:
 
 
 def _called(name: str, cards: Sequence[RunCard], source: str) -> RunCard:
-    """The graph of a name; `source` says where the name comes from."""
-    found = [card for card in cards if card.is_called(name)]
-    if len(found) == 1:
-        return found[0]
-    how = "several running graphs are" if found else "no running graph is"
-    raise ValueError(f"{source}{how} called {name!r}; there are {_listed(found or cards)}")
+    """The graph of a name; `source`: prefix of errors with the source of the name."""
+    called = [card for card in cards if card.is_called(name)]
+    if len(called) == 1:
+        return called[0]
+    fault = "several running graphs are" if called else "no running graph is"
+    raise ValueError(f"{source}{fault} called {name!r}; there are {_listed(called or cards)}")
 
 
 def _listed(cards: Sequence[RunCard]) -> str:
@@ -251,7 +247,7 @@ def _listed(cards: Sequence[RunCard]) -> str:
 
 
 def _shown(path: Path) -> str:
-    """A path from the working directory, if it lies there."""
+    """A path relative to the working directory, if it is below it."""
     try:
         return str(path.resolve().relative_to(Path.cwd()))
     except (ValueError, OSError):
@@ -262,9 +258,9 @@ def _shown(path: Path) -> str:
 def private_folder(parent: Path | None) -> Iterator[Path]:
     """Make a folder that only this user can enter, hold its lock, and remove it at the end.
 
-    It lies in `parent`, or else in the user's run-time or temporary folder. What launchers that
-    were killed have left is taken away as well. Raises ValueError if it cannot be made, or its path
-    is too long for a socket.
+    It is in `parent`, or else in the user's run-time or temporary folder. Folders of killed
+    launchers are removed as well. Raises ValueError if it cannot be made, or its path is too long
+    for a socket.
     """
     remove_stale_folders(parent)
     try:
@@ -288,7 +284,7 @@ def private_folder(parent: Path | None) -> Iterator[Path]:
 
 @contextmanager
 def folder_lock(folder: Path) -> Iterator[None]:
-    """Hold the lock of a folder; the kernel lets go of it when the process dies."""
+    """Hold the lock of a folder; the kernel releases it when the process dies."""
     file = os.open(folder / LOCK_FILE, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -299,10 +295,10 @@ def folder_lock(folder: Path) -> Iterator[None]:
 
 @contextmanager
 def message_log_folder(run_dir: Path | None, folder: Path) -> Iterator[Path]:
-    """Where nodes keep what they published and have no memory for, removed at the end.
+    """The folder for published messages that exceed the memory of nodes; removed at the end.
 
-    It lies in the run directory, on a disk that has room; without one, the private folder must do,
-    which may be held in memory.
+    It is in the run directory, on a disk; without a run directory it is the private folder, which
+    may be in memory.
     """
     if run_dir is None:
         yield folder
@@ -322,7 +318,7 @@ def addresses_of(folder: Path, names: Sequence[str], depth: int, past: Path) -> 
         return {name: f"{path}{index}" for index, name in enumerate(names)}
 
     return Addresses(
-        run=secrets.randbits(_RUN_BITS),
+        run=secrets.randbits(63),  # fits a signed word
         epoch=0,
         depth=depth,
         endpoints=numbered(f"ipc://{folder}/n"),
@@ -336,51 +332,50 @@ def addresses_of(folder: Path, names: Sequence[str], depth: int, past: Path) -> 
 
 
 class SentMessage(NamedTuple):
-    """One message that a node had sent."""
+    """A message that a node sent in an earlier run."""
 
-    topic: str  # On the wire
-    sent_ns: int  # The node's clock, ns
-    schema: int  # Hash of the type's schema
-    body: bytes  # Encoded
-    outside: bool = False  # Whether a tool had the node send it
+    topic: str  # on the wire
+    sent_ns: int  # time of the node's clock [ns]
+    schema: int  # hash of the type's schema
+    body: bytes  # encoded
+    outside: bool = False  # whether a tool requested it
 
 
 @dataclass(frozen=True, slots=True)
 class EarlierRun:
-    """An earlier run, as far as it shall not be done again.
+    """An earlier run that a run continues.
 
-    Its times are shifted, so that the latest of them is now: it may have run before the machine was
-    started anew, and what comes is to follow it without a gap.
+    Persistent nodes, which act on the world, remember what they published. All other nodes handle
+    their messages once more, without sending. Times are shifted so that the latest one is now.
     """
 
-    # What each node had handled, in its order: it goes through it once more, unheard. Those that
-    # act on the world do not.
+    # Messages that each node handled, in their order.
     consumed: Mapping[str, Sequence[Consumed]]
-    published: Mapping[str, Sequence[SentMessage]]  # What those had published that act on the world
-    # Topics and times, ns, of what the others had published: they do so again with these.
+    published: Mapping[str, Sequence[SentMessage]]  # messages of persistent nodes
+    # Topics and times [ns] of the messages of other nodes, which these use again.
     times: Mapping[str, Sequence[tuple[str, int]]]
-    # Parameters that were set while a node ran
+    # Parameters that were set while a node ran.
     changes: Mapping[str, Sequence[ParameterEvent]] = field(default_factory=dict)
-    # What tools had the others publish
+    # Messages that tools requested of other nodes.
     outside: Mapping[str, Sequence[OutsideMessage]] = field(default_factory=dict)
 
-    def lay(self, wirings: Sequence[Wiring], place: Addresses) -> None:
-        """Write the journals and message logs that the nodes, with their subscribers, will find."""
-        sent_ns = [one.sent_ns for messages in self.published.values() for one in messages]
+    def write(self, wirings: Sequence[Wiring], place: Addresses) -> None:
+        """Write the journals and message logs of the nodes; wirings have all subscribers."""
+        sent_ns = [sent.sent_ns for messages in self.published.values() for sent in messages]
         sent_ns += [when for times in self.times.values() for _, when in times]
-        later_ns = time.monotonic_ns() - max(sent_ns, default=0)
+        shift_ns = time.monotonic_ns() - max(sent_ns, default=0)
         for wiring in wirings:
             if wiring.persistent:
-                self._remember(wiring, place, later_ns)
+                self._write_message_log(wiring, place, shift_ns)
             else:
-                self._put_down(wiring, place, later_ns)
+                self._write_journal(wiring, place, shift_ns)
 
-    def _put_down(self, wiring: Wiring, place: Addresses, later_ns: int) -> None:
-        """What a node goes through once more, and when it had published what."""
-        edges = [(one.publisher, one.topic) for one in wiring.inputs]
+    def _write_journal(self, wiring: Wiring, place: Addresses, shift_ns: int) -> None:
+        """Write the messages that a node handles once more, and the times of those it published."""
+        edges = [(edge.publisher, edge.topic) for edge in wiring.inputs]
         with closing(Journal(Path(place.journals[wiring.name]), edges)) as journal:
-            for one in self.consumed.get(wiring.name, ()):
-                journal.note(*one)
+            for consumed in self.consumed.get(wiring.name, ()):
+                journal.note(*consumed)
         if changes := self.changes.get(wiring.name):
             with closing(ParameterLog(Path(place.journals[wiring.name]))) as log:
                 for change in changes:
@@ -392,14 +387,14 @@ class EarlierRun:
         topics = [topic for topic in wiring.outputs.values() if wiring.subscribers.get(topic)]
         with closing(SendTimes(Path(place.times[wiring.name]), wiring.name, topics)) as times:
             for topic, sent_ns in self.times.get(wiring.name, ()):
-                times.note(topic, sent_ns + later_ns)
+                times.note(topic, sent_ns + shift_ns)
 
-    def _remember(self, wiring: Wiring, place: Addresses, later_ns: int) -> None:
-        """What a node has answered, and how."""
+    def _write_message_log(self, wiring: Wiring, place: Addresses, shift_ns: int) -> None:
+        """Write the messages that a persistent node handled and published."""
         topics = tuple(wiring.outputs.values())
         with closing(MessageLog(Path(place.pasts[wiring.name]), topics, persistent=True)) as past:
             for topic, sent_ns, schema, body, outside in self.published.get(wiring.name, ()):
-                seq, when = past.count(topic), sent_ns + later_ns
+                seq, when = past.count(topic), sent_ns + shift_ns
                 header = Header(place.run, 0, seq, when, 0.0, schema, outside)
                 past.add(topic, pack_frame(topic, header, body))
             for publisher, topic, seq in self.consumed.get(wiring.name, ()):

@@ -1,6 +1,6 @@
-"""The life of one graph: start, watch, answer tools, end.
+"""Supervision of one graph: it is started, watched and ended, and tools are answered.
 
-A tool that is stopped or killed while it is being answered is simply left out.
+Answers to a tool that has been stopped or killed are dropped.
 """
 
 from __future__ import annotations
@@ -13,10 +13,12 @@ from typing import Any, Literal, NamedTuple
 
 from palpate.launch.processes.fork_server import Interrupts
 from palpate.launch.processes.node_status import (
+    DEFAULT_SUPERVISION,
     Edge,
     LauncherSockets,
     MessageCounts,
     NodeStatusTable,
+    SupervisionSettings,
     TerminationDetector,
 )
 from palpate.launch.processes.process_table import ProcessHosts, ProcessTable
@@ -36,29 +38,20 @@ from palpate.nodes.runtime.node import (
     with_parameter,
 )
 
-TICK = 0.1  # The watcher is called this often, s
-STALL = 3.0  # A graph in which nothing moves for this long, without an end, is stalled, s
-LAST_WORDS = 1.0  # The reason of a failure arrives within this time of the process's end, s
-STOP = 30.0  # A node that is told to stop has this long to put away what it holds, s
-_BATCH = 64
-_CALM, _HASTE = 0.5, 0.01
-_MAX_ANSWERS = 8
-_MAX_PENDING = 1000
-
 
 class Verdict(NamedTuple):
-    """How the graph ends."""
+    """How a graph ends."""
 
     status: Literal["finished", "died", "stalled", "interrupted"]
     reason: str
 
 
 class Supervisor:
-    """Watches over the processes of one graph, until the node `ends` has finished.
+    """Starts and watches the processes of one graph until the node `ends` has finished.
 
-    `sources` are the topics that the launcher itself subscribes to, by publisher; `ahead_ns` tells
-    how far this machine's clock is ahead of that of a node's machine, ns; with `going` the nodes go
-    on with what they did in an earlier run, and wait for nobody.
+    `sources`: the topics to which the launcher itself subscribes, by publisher. `ahead_ns` returns
+    how far this machine's clock is ahead of that of a node's machine [ns]. `going`: the nodes
+    continue an earlier run, without waiting for each other.
     """
 
     def __init__(
@@ -75,15 +68,17 @@ class Supervisor:
         ahead_ns: Callable[[str], int],
         interrupts: Interrupts,
         going: bool = False,
+        settings: SupervisionSettings = DEFAULT_SUPERVISION,
     ) -> None:
-        self._wirings, self._ends = wirings, ends
+        self._wirings, self._ends, self._settings = wirings, ends, settings
         self._watcher, self._sockets = watcher, sockets
         self._hosts, self._interrupts = hosts, interrupts
         names = [wiring.name for wiring in wirings]
-        edges = [Edge(w.name, one.publisher, one.topic) for w in wirings for one in w.inputs]
+        edges = [Edge(w.name, i.publisher, i.topic) for w in wirings for i in w.inputs]
         edges += [Edge(LAUNCHER, source, topic) for source in sources for topic in sources[source]]
-        self._detector = TerminationDetector([*names, LAUNCHER], edges)
-        self._reports = NodeStatusTable(names, {one.name: one.handler_timeout for one in wirings})
+        self._detector = TerminationDetector([*names, LAUNCHER], edges, settings.answer_time)
+        timeouts = {wiring.name: wiring.handler_timeout for wiring in wirings}
+        self._reports = NodeStatusTable(names, timeouts, settings.silence_limit)
         self._processes = ProcessTable(wirings, place, hosts, sockets, ahead_ns)
         lines = sockets.tools, sockets.line
         self._tools = ToolServer(*lines, self._processes, self._reports, announcement)
@@ -92,21 +87,21 @@ class Supervisor:
         self._next_tick = 0.0
 
     def run(self, began: float) -> Ending:
-        """Start everything, launched at monotonic time `began`, s, and watch until it has ended."""
+        """Start all nodes and watch them to the end; `began`: monotonic time of the launch [s]."""
         verdict = self._start() or self._watch(began)
         if verdict.status == "finished":
             verdict = self._stop() or verdict
         self._hosts.end()
         self._receive_reports()
         if verdict.status == "died" and self._interrupts.came and not self._reports.failed:
-            verdict = self._interrupted()  # It reached the whole group; a node was faster than this
+            verdict = self._interrupted()  # a signal to the whole group ended a node first
         statuses, subscriber = self._reports.statuses, self._sockets.subscriber
         return Ending(
             status=verdict.status,
             reason=verdict.reason,
             statuses=statuses,
-            gaps=subscriber.gaps + sum(one.gaps for one in statuses.values()),
-            duplicates=subscriber.duplicates + sum(one.duplicates for one in statuses.values()),
+            gaps=subscriber.gaps + sum(status.gaps for status in statuses.values()),
+            duplicates=subscriber.duplicates + sum(s.duplicates for s in statuses.values()),
             restarts={name: n for name, n in self._processes.restarts.counts.items() if n},
         )
 
@@ -116,7 +111,7 @@ class Supervisor:
                 return self._interrupted()
             try:
                 self._processes.spawn(wiring.name, going=self._going)
-                self._hosts.receive()  # other machines take nobody for lost who is busy
+                self._hosts.receive()  # or a busy launcher seems lost to other machines
             except ChildProcessError as error:
                 return Verdict("died", str(error))
         return None
@@ -136,21 +131,21 @@ class Supervisor:
                 self._watcher.ready(time.monotonic() - began)
 
     def _stop(self) -> Verdict | None:
-        """Stop all nodes at once; returns what went wrong, if anything did."""
+        """Stop all nodes; returns a verdict if that fails."""
         self._stopping = True
         self._tell(self._processes.living, "stop")
-        deadline = time.monotonic() + STOP
+        deadline = time.monotonic() + self._settings.stop_time
         while self._processes.living:
             verdict = self._turn()
             if verdict is not None:
                 return verdict
             if time.monotonic() > deadline:
                 late = ", ".join(self._processes.living)
-                return Verdict("died", f"{late} did not stop within {STOP:g} s")
+                return Verdict("died", f"{late} did not stop within {self._settings.stop_time:g} s")
         return None
 
     def _turn(self) -> Verdict | None:
-        """Wait for something to happen, and see to it; returns what must end the graph."""
+        """Wait for events and handle them; returns a verdict if one of them ends the graph."""
         ended = self._sockets.wait(5 if self._finished else 50)
         self._hosts.receive()
         self._receive_reports()
@@ -166,7 +161,8 @@ class Supervisor:
 
     def _bury(self, sentinel: int) -> Verdict | None:
         name, code = self._processes.bury(sentinel)
-        deadline = time.monotonic() + (LAST_WORDS if code in (0, FAILED) else 0.0)
+        report_time = self._settings.report_time if code in (0, FAILED) else 0.0
+        deadline = time.monotonic() + report_time
         while name not in self._reports.failed and name not in self._reports.exiting:
             if time.monotonic() >= deadline:
                 break
@@ -179,18 +175,18 @@ class Supervisor:
         return self._after_death(name, self._processes.how_it_died(name, code, failed), failed)
 
     def _after_death(self, name: str, how: str, failed: str | None) -> Verdict | None:
-        """Start a node again that has died, or go on without it, or tell why the run must end."""
+        """Restart a node that has died, or continue without it; a verdict if the run must end."""
         wiring = self._processes.wirings[name]
         if self._interrupts.came:
             return self._interrupted()
         if self._stopping and wiring.outputs:
-            return None  # it had nothing more to publish, and holds no file
+            return None  # it has nothing more to publish, and no file to write
         if wiring.on_exit == "ignore":
             self._warn(name, f"{name} {how}; the run goes on without it")
             self._detector.drop(name)
             return None
         refusal: str | None = f"{name} {how}"
-        # Who cannot put away what it holds, or cannot even begin, would not do better again.
+        # A node that fails while it starts or stops would fail again.
         if failed is None or (self._going and not self._stopping):
             now = time.monotonic()
             refusal = self._processes.restarts.refusal(name, how, failed is not None, now)
@@ -209,14 +205,15 @@ class Supervisor:
     def _quiet(self) -> Verdict | None:
         if self._finished is not None and self._detector.settled:
             return Verdict("finished", self._finished)
-        if self._detector.still_for(time.monotonic()) < STALL:
+        if self._detector.still_for(time.monotonic()) < self._settings.stall_time:
             return None
-        missing = [(name, one.gaps) for name, one in self._reports.statuses.items() if one.gaps]
-        faults = [f"{name} misses {gaps} messages" for name, gaps in missing]
+        gaps = {name: status.gaps for name, status in self._reports.statuses.items()}
+        faults = [f"{name} misses {count} messages" for name, count in gaps.items() if count]
         faults += self._detector.complaints()
-        what = "has finished, yet" if self._finished is not None else "has not finished, and"
+        state = "has finished, yet" if self._finished is not None else "has not finished, and"
+        stall = f"nothing has moved for {self._settings.stall_time:g} s"
         why = "; ".join(faults) or "every message was consumed"
-        return Verdict("stalled", f"{self._ends} {what} nothing has moved for {STALL:g} s: {why}")
+        return Verdict("stalled", f"{self._ends} {state} {stall}: {why}")
 
     def _interrupted(self) -> Verdict:
         return Verdict("interrupted", f"{self._interrupts.came} was received")
@@ -239,13 +236,13 @@ class Supervisor:
                     self._tools.refused(word["ticket"], str(word["text"]), again=word["again"])
                 elif word["kind"] == "count":
                     consumed = {(p, t): number for p, t, number in word["consumed"]}
-                    told = word["sent"], consumed, tuple(word["waits"]), word["can_publish"]
-                    self._counted(name, word["round"], MessageCounts(*told))
+                    counts = word["sent"], consumed, tuple(word["waits"]), word["can_publish"]
+                    self._counted(name, word["round"], MessageCounts(*counts))
         except ValueError as error:
             self._reports.failed[LAUNCHER] = f"listening to the nodes: {error}"
 
     def _receive_messages(self) -> None:
-        for _ in range(_BATCH):
+        for _ in range(self._settings.max_batch):
             try:
                 message, tapped = self._sockets.receive(), self._sockets.receive_tap()
             except ValueError as error:
@@ -263,8 +260,8 @@ class Supervisor:
     def _tick(self) -> None:
         now = time.monotonic()
         if now >= self._next_tick:
-            self._next_tick = now + TICK
-            self._processes.see_to_hung(now)
+            self._next_tick = now + self._settings.tick_period
+            self._processes.kill_hung(now)
             for line in self._reports.silent(now):
                 self._watcher.log(line)
             self._watcher.tick(self._reports.statuses)
@@ -278,7 +275,8 @@ class Supervisor:
                 self._sockets.line.send(name, "count", round=round_)
 
     def _counted(self, name: str, round_: int, count: MessageCounts) -> None:
-        pause = _CALM if self._finished is None else _HASTE
+        is_running, settings = self._finished is None, self._settings
+        pause = settings.count_pause if is_running else settings.final_count_pause
         self._detector.answer(name, round_, count, time.monotonic(), pause)
 
     def _tell(self, names: Iterable[str], kind: str) -> None:
@@ -287,7 +285,11 @@ class Supervisor:
 
 
 class ToolServer:
-    """Answers the tools of one graph, which speak on `line`, and asks the nodes on `nodes`."""
+    """Answers the tools of one graph on `line`, and asks its nodes on `nodes`.
+
+    It answers at most `max_answers` requests at a time, and remembers `max_pending` requests that
+    nodes have not answered yet.
+    """
 
     def __init__(
         self,
@@ -296,31 +298,34 @@ class ToolServer:
         processes: ProcessTable,
         reports: NodeStatusTable,
         announcement: Announcement,
+        max_answers: int = 8,
+        max_pending: int = 1000,
     ) -> None:
         self._line, self._nodes, self._processes, self._reports = line, nodes, processes, reports
         self._announcement = announcement
-        self._params: dict[str, Any] = {}  # Of each node of which some were set
+        self._max_answers, self._max_pending = max_answers, max_pending
+        self._params: dict[str, Any] = {}  # changed parameters by node
         self._began = time.monotonic()
-        self._pending: dict[int, tuple[str, str, ControlMessage]] = {}  # Tool, node and request
+        self._pending: dict[int, tuple[str, str, ControlMessage]] = {}  # tool, node and request
         self._tickets = count()
 
     def serve(self) -> None:
-        """Answer what has come, but no more than a few at a time."""
-        for _ in range(_MAX_ANSWERS):
+        """Answer requests that have arrived."""
+        for _ in range(self._max_answers):
             try:
-                asked = self._line.receive()
+                request = self._line.receive()
             except ValueError:
                 continue
-            if asked is None:
+            if request is None:
                 return
-            tool, word = asked
-            # A node may have to do something first, and is then waited for.
+            tool, word = request
+            # A request to a node has no answer before the node has done it.
             answer = self._status() if word["kind"] == "status" else self._tell(tool, word)
             if answer is not None:
                 self._line.send(tool, **answer)
 
     def done(self, ticket: int) -> None:
-        """A node has done what a tool had asked for."""
+        """Tell a tool that a node has fulfilled its request."""
         tool, node, word = self._pending.pop(ticket, ("", "", {"kind": ""}))
         if word["kind"] == "set":
             params = self._with_set(node, word)
@@ -330,13 +335,13 @@ class ToolServer:
             self._line.send(tool, "done")
 
     def refused(self, ticket: int, text: str, *, again: bool) -> None:
-        """A node does not do what a tool had asked for, or not yet."""
+        """Tell a tool that a node refuses its request; `again`: it may succeed later."""
         tool, _, _ = self._pending.pop(ticket, ("", "", {}))
         if tool:
             self._line.send(tool, "not_ready" if again else "refused", text=text)
 
     def buried(self, name: str) -> None:
-        """A node has died: what it had been asked for may not have been done."""
+        """Tell tools that a node died before it had fulfilled their requests."""
         for ticket, (tool, node, _) in list(self._pending.items()):
             if node == name:
                 del self._pending[ticket]
@@ -357,7 +362,7 @@ class ToolServer:
         return {"kind": "status", "launcher": os.getpid(), "for_s": for_s, "nodes": nodes}
 
     def _tell(self, tool: str, word: ControlMessage) -> dict[str, Any] | None:
-        """Hand a request on to a node, which reports when it has done it."""
+        """Pass a request to a node, which reports when it has fulfilled it."""
         name, ticket = str(word["node"]), next(self._tickets)
         try:
             self._check(name, word)
@@ -367,12 +372,12 @@ class ToolServer:
         if not self._nodes.send(name, word["kind"], **{**fields, "ticket": ticket}):
             return {"kind": "not_ready", "text": f"{name} is not up"}
         self._pending[ticket] = tool, name, word
-        while len(self._pending) > _MAX_PENDING:
+        while len(self._pending) > self._max_pending:
             self._pending.pop(next(iter(self._pending)))
         return None
 
     def _check(self, name: str, word: ControlMessage) -> None:
-        """Refuse what a node could not do."""
+        """Raise ValueError for a request that a node cannot fulfil."""
         wiring = self._processes.wirings.get(name)
         if wiring is None:
             raise ValueError(f"there is no node {name!r}")
@@ -387,8 +392,9 @@ class ToolServer:
 
     @staticmethod
     def _check_message(wiring: Wiring, node: AnyNode, word: ControlMessage) -> None:
-        """Refuse a message that a node could not publish, or not once more after its death."""
-        local = next((one for one, wire in wiring.outputs.items() if wire == word["topic"]), None)
+        """Raise ValueError for a message that a node cannot publish, or not again after it died."""
+        outputs = wiring.outputs.items()
+        local = next((name for name, wire in outputs if wire == word["topic"]), None)
         if local is None or isinstance(node, Sink):
             raise ValueError(f"{wiring.name} does not publish {word['topic']!r}")
         if isinstance(node, Source) and node.repeats:
@@ -399,7 +405,7 @@ class ToolServer:
         decode(types[local], word["body"])
 
     def _with_set(self, name: str, word: ControlMessage) -> Any:
-        """A node's parameters with one that a tool sets; ValueError if it cannot be set so."""
+        """A node's parameters with one that a tool sets; ValueError if it cannot be set."""
         wiring, param = self._processes.wirings[name], word["param"]
         node = load_node(wiring.module)
         settable = sorted(node.settable) if isinstance(node, Node) else []

@@ -1,9 +1,9 @@
 """How messages travel between processes.
 
-Reliable topics with a handshake by epoch and sequence, a lossy tap for tools, control. To be
-tuned: queue depths, memory of the message log, timeouts, each a named constant on top of its
-chapter; the order of handshake, log and journal must stay, since restarts without a gap rest on
-it. Rests on zmq, and is the only room with sockets.
+Reliable topics with a handshake by epoch and sequence, a lossy tap for tools, control. Times and
+sizes are fields of `SocketSettings`, or parameters of the message log. The order of handshake, log
+and journal is fixed, since restarts without a gap depend on it. This package uses zmq, and is the
+only one with sockets.
 """
 
 from palpate.messages.bus.control import (
@@ -51,10 +51,11 @@ from palpate.messages.bus.publisher import (
     Publisher as Publisher,
 )
 from palpate.messages.bus.sockets import (
+    DEFAULT_QUEUE_DEPTH as DEFAULT_QUEUE_DEPTH,
     LAUNCHER as LAUNCHER,
-    QUEUE_DEPTH as QUEUE_DEPTH,
     Addresses as Addresses,
     SocketContext as SocketContext,
+    SocketSettings as SocketSettings,
     bind as bind,
     make_key as make_key,
 )

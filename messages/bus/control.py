@@ -1,7 +1,8 @@
 """Control messages between nodes, launcher, tools and other machines.
 
-Who is ready, when to go, how much was consumed. A control message is a msgpack map with a kind;
-what may be sent by whom, with which fields, stands in a table each.
+They say which nodes are ready, when to start, and how much was consumed. A control message is a
+msgpack map with a kind. For each kind of sender a table has the kinds of messages with their
+fields.
 """
 
 from __future__ import annotations
@@ -13,38 +14,44 @@ import msgspec
 import zmq
 from msgspec import Meta
 
-from palpate.messages.bus.sockets import Socket, bind, connect, received
+from palpate.messages.bus.sockets import (
+    DEFAULT_SOCKETS,
+    Socket,
+    SocketSettings,
+    bind,
+    connect,
+    received,
+)
 from palpate.messages.codec import printable
 
-LINGER_MS = 500  # A last message has this long to leave
-MAX_CONTROL_BYTES = 1 << 20  # Longest control message
-MAX_CONTROL_ITEMS = 4096  # Most entries of a list or table
+MAX_CONTROL_BYTES = 1 << 20  # of a control message
+MAX_CONTROL_ITEMS = 4096  # of a list or table
 ControlMessage = dict[str, Any]
 _write = msgspec.msgpack.Encoder().encode
 _Count = Annotated[int, Meta(ge=0)]
 _Few = Meta(max_length=MAX_CONTROL_ITEMS)
 _Texts = Annotated[list[str], _Few]
-_Addresses = Annotated[dict[str, str], _Few]  # Of sockets, by names
+_Addresses = Annotated[dict[str, str], _Few]  # of sockets by name
 
 
 class ControlProtocol:
-    """What somebody may send: kinds of message, and the types of their fields."""
+    """Kinds of messages that a sender may send, and the types of their fields."""
 
     def __init__(
         self, kinds: Mapping[str, Mapping[str, Any]], max_bytes: int = MAX_CONTROL_BYTES
     ) -> None:
         self._kinds, self.max_bytes = tuple(kinds), max_bytes
-        kept = {"tag_field": "kind", "forbid_unknown_fields": True}
+        options = {"tag_field": "kind", "forbid_unknown_fields": True}
         words = [
-            msgspec.defstruct(kind, [*fields.items()], tag=kind, **kept)  # type: ignore[arg-type]
+            msgspec.defstruct(kind, [*fields.items()], tag=kind, **options)  # type: ignore[arg-type]
             for kind, fields in kinds.items()
         ]
         self._read = msgspec.msgpack.Decoder(Union[tuple(words)]).decode  # noqa: UP007
 
     def read(self, data: bytes) -> ControlMessage:
-        """Message in a frame.
+        """The message in a frame.
 
-        Raises ValueError if the frame holds none that may be sent, or one that lacks a field.
+        Raises ValueError if the frame holds no allowed message, or a message that lacks a field.
         """
         if len(data) > self.max_bytes:
             raise ValueError(f"a word has at most {self.max_bytes} bytes, got {len(data)}")
@@ -56,7 +63,7 @@ class ControlProtocol:
         return {"kind": word.__struct_config__.tag, **msgspec.structs.asdict(word)}
 
 
-# What the launcher sends to nodes; what carries a ticket, a tool has asked for.
+# Messages of the launcher to nodes; those with a ticket are requests of tools.
 TO_NODES = ControlProtocol(
     {
         "go": {},
@@ -72,7 +79,7 @@ TO_NODES = ControlProtocol(
 
 
 class ControlClient:
-    """The node's end."""
+    """The end of a node, a tool or the launcher that connects to a server."""
 
     def __init__(
         self,
@@ -80,12 +87,13 @@ class ControlClient:
         endpoint: str,
         *,
         name: str,
-        accepts: ControlProtocol = TO_NODES,  # What may be sent to it
+        accepts: ControlProtocol = TO_NODES,  # messages that it receives
+        settings: SocketSettings = DEFAULT_SOCKETS,
     ) -> None:
         self._accepts = accepts
         self.socket = context.socket(zmq.DEALER)
         self.socket.setsockopt(zmq.IDENTITY, name.encode())
-        self.socket.setsockopt(zmq.LINGER, LINGER_MS)
+        self.socket.setsockopt(zmq.LINGER, settings.control_linger_ms)
         connect(self.socket, endpoint)
 
     def send(self, kind: str, **fields: Any) -> None:
@@ -93,9 +101,9 @@ class ControlClient:
         self.socket.send(_write({"kind": kind, **fields}))
 
     def receive(self) -> ControlMessage | None:
-        """Return the launcher's next message, or None if there is none.
+        """The next message of the launcher; None if there is none.
 
-        Raises ValueError if what arrived is none of those.
+        Raises ValueError if it is no allowed message.
         """
         data = received(self.socket)
         return None if data is None else self._accepts.read(data)
@@ -105,7 +113,7 @@ class ControlClient:
         self.socket.close()
 
 
-# What nodes send to the launcher.
+# Messages of nodes to the launcher.
 FROM_NODES = ControlProtocol(
     {
         "ready": {},
@@ -119,7 +127,7 @@ FROM_NODES = ControlProtocol(
             "can_publish": bool,
         },
         "acknowledged": {"ticket": _Count},
-        # A tool's request; `again`: it may be repeated soon
+        # Of a tool's request; `again`: it may be repeated soon.
         "refused": {"ticket": _Count, "text": str, "again": bool},
         "exiting": {"status": bytes},
         "failed": {"text": str, "trace": str},
@@ -128,19 +136,19 @@ FROM_NODES = ControlProtocol(
 
 
 class ControlServer:
-    """The launcher's end, with one line to each node."""
+    """The end that binds, with one connection to each client."""
 
     def __init__(
         self,
         context: zmq.Context[Socket],
-        endpoint: str,  # Address to bind
+        endpoint: str,  # address to bind
         *,
-        accepts: ControlProtocol = FROM_NODES,  # What may be sent to it
+        accepts: ControlProtocol = FROM_NODES,  # messages that it receives
     ) -> None:
         self._accepts = accepts
         self.socket = context.socket(zmq.ROUTER)
         self.socket.setsockopt(zmq.ROUTER_MANDATORY, 1)
-        # A node that was started again speaks before its old line is known to be gone.
+        # A restarted node may connect before the end of its old connection is known.
         self.socket.setsockopt(zmq.ROUTER_HANDOVER, 1)
         self.socket.setsockopt(zmq.LINGER, 0)
         bind(self.socket, endpoint)
@@ -157,9 +165,9 @@ class ControlServer:
         return True
 
     def receive(self) -> tuple[str, ControlMessage] | None:
-        """Name of a node and its next message; None if there is none.
+        """The next message, with the name of its node; None if there is none.
 
-        Raises ValueError if what arrived is none of those.
+        Raises ValueError if it is no allowed message.
         """
         try:
             parts = self.socket.recv_multipart(zmq.DONTWAIT)
@@ -174,7 +182,7 @@ class ControlServer:
         self.socket.close(0)
 
 
-# What tools send to the launcher.
+# Messages of tools to the launcher.
 FROM_TOOLS = ControlProtocol(
     {
         "status": {},
@@ -185,7 +193,7 @@ FROM_TOOLS = ControlProtocol(
         "set": {"node": str, "param": str, "value": str},
     }
 )
-# What the launcher answers.
+# Answers of the launcher.
 TO_TOOLS = ControlProtocol(
     {
         "status": {"launcher": _Count, "for_s": float, "nodes": dict[str, Any]},
@@ -194,7 +202,7 @@ TO_TOOLS = ControlProtocol(
         "refused": {"text": str},
     }
 )
-# What the launcher sends to other machines; a node may have a large object among its parameters.
+# Messages of the launcher to other machines; a node may have a large object in its parameters.
 TO_HOSTS = ControlProtocol(
     {
         "hello": {"names": _Texts, "modules": _Texts},
@@ -205,7 +213,7 @@ TO_HOSTS = ControlProtocol(
     },
     max_bytes=256 << 20,
 )
-# What other machines send to the launcher.
+# Messages of other machines to the launcher.
 FROM_HOSTS = ControlProtocol(
     {
         "hello": {"ns": _Count, "endpoints": _Addresses, "taps": _Addresses},

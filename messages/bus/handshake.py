@@ -1,10 +1,10 @@
 """The frames by which a subscriber joins a publisher, and misses nothing.
 
-Subscriptions are the only thing that a subscriber can send on the socket that it receives with,
-so the requests are made of them. S calls P by subscribing ``@S epoch P ``; P greets S with its
-own epoch; S then subscribes, for each topic, a cursor: the call, the greeted epoch, the topic
-and the next sequence that it wants. P resends what S lacks and says that S is in step. Replies
-go out under the call, which nobody else subscribes.
+A subscriber can send only subscriptions on its receiving socket, so requests are subscriptions. S
+calls P by subscribing to ``@S epoch P ``; P greets S with its own epoch; S then subscribes for each
+topic to a cursor: the call, the greeted epoch, the topic and the next sequence that it needs. P
+resends the messages that S lacks, and says that S is in step. Replies are published under the call,
+to which only S subscribes.
 """
 
 from __future__ import annotations
@@ -13,31 +13,31 @@ import struct
 from typing import NamedTuple
 
 GREETING, RESENT, IN_STEP = b"H", b"F", b"S"
-MAX_REQUEST_BYTES = 4096  # Longest request
+MAX_REQUEST_BYTES = 4096
 _EPOCH = struct.Struct("<I")
 
 
 class JoinRequest(NamedTuple):
-    """What one subscriber asks of one publisher."""
+    """Request of one subscriber to one publisher."""
 
-    subscriber: str  # Name of the node that asks
-    call: bytes  # Prefix under which the answer goes out
-    publisher: str  # Name of the node that is asked
-    epoch: int | None  # Epoch of the publisher that was greeted; None asks for the greeting
-    topic: str  # Topic of the cursor, empty in a call
-    wanted: int  # First sequence that the subscriber has not had
+    subscriber: str  # name of the requesting node
+    call: bytes  # prefix of the replies
+    publisher: str  # name of the requested node
+    epoch: int | None  # of the publisher's greeting; None requests the greeting
+    topic: str  # of the cursor; empty in a call
+    wanted: int  # first sequence that the subscriber lacks
 
 
 class JoinReply(NamedTuple):
-    """What a publisher says to one subscriber alone."""
+    """Reply of a publisher to one subscriber."""
 
-    publisher: str  # Name of the node that answers
-    kind: bytes  # One of `GREETING`, `RESENT` and `IN_STEP`
-    rest: bytes  # The epoch, the frame that is sent again, or the topic that is in step
+    publisher: str  # name of the replying node
+    kind: bytes  # one of `GREETING`, `RESENT` and `IN_STEP`
+    rest: bytes  # the epoch, the resent frame, or the topic that is in step
 
 
 def check_node_name(name: str) -> str:
-    """Return the name of a node, if it can stand in a request.
+    """The name of a node, if it is allowed in a request.
 
     Raises ValueError if the name is empty, not printable, or holds a space or an ``@``.
     """
@@ -47,12 +47,12 @@ def check_node_name(name: str) -> str:
 
 
 def join_call(subscriber: str, epoch: int, publisher: str) -> bytes:
-    """Subscription by which a subscriber asks a publisher for its greeting."""
+    """Subscription that requests a publisher's greeting."""
     return f"@{subscriber} {epoch} {publisher} ".encode()
 
 
 def join_cursor(called: bytes, epoch: int, topic: str, wanted: int) -> bytes:
-    """Subscription by which a subscriber asks for a topic from a sequence on."""
+    """Subscription that requests a topic from a sequence on."""
     return called + f"{epoch} {topic} {wanted}".encode()
 
 
@@ -78,22 +78,22 @@ def _is_count(word: str) -> bool:
 
 
 def greeting(called: bytes, epoch: int) -> bytes:
-    """Greeting of a publisher."""
+    """Reply with the publisher's epoch."""
     return called + b"\0" + GREETING + _EPOCH.pack(epoch)
 
 
 def resent_frame(called: bytes, frame: bytes) -> bytes:
-    """One frame of the past."""
+    """Reply with a frame that was published before."""
     return called + b"\0" + RESENT + frame
 
 
 def in_step_notice(called: bytes, topic: str) -> bytes:
-    """Notice that all of the topic's past has been sent."""
+    """Reply that all earlier messages of a topic have been sent."""
     return called + b"\0" + IN_STEP + topic.encode()
 
 
 def read_reply(frame: bytes) -> JoinReply:
-    """Answer in a frame that begins with ``@``. Raises ValueError if the frame is no answer."""
+    """The reply in a frame that begins with ``@``; ValueError if it is no reply."""
     end = frame.find(b"\0")
     words = frame[: max(end, 0)].split(b" ", 4)
     kind = frame[end + 1 : end + 2]
@@ -107,7 +107,7 @@ def read_reply(frame: bytes) -> JoinReply:
 
 
 def read_epoch(rest: bytes) -> int:
-    """Epoch in a greeting. Raises ValueError if the greeting has the wrong length."""
+    """The epoch in a greeting; ValueError if it has the wrong length."""
     if len(rest) != _EPOCH.size:
         raise ValueError(f"a greeting must hold {_EPOCH.size} bytes, got {len(rest)}")
     epoch: int = _EPOCH.unpack(rest)[0]

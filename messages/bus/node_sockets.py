@@ -1,10 +1,9 @@
-"""All that one node has on the bus: its sockets, and one place to wait for them.
+"""The sockets of one node, and one function that waits for all of them.
 
-By the tap a node publishes what it says of itself, and copies of its messages for tools. The tap
-may lose messages, so that nobody who subscribes to it can hold up the graph: a tool that is
-stopped or slow is left out. Copies are made only while somebody wants them; of latched topics the
-last are kept, for those who come late and ask for them by a name of their own, `LATCHED_MARK`.
-Who wants all that was published before asks for it by `PAST_MARK`, a little at a time.
+On its tap a node publishes its status and log, and copies of its messages for tools. The tap may
+lose messages, so that a stopped or slow tool cannot block the graph. Copies are sent only while a
+tool subscribes to them. The last messages of latched topics are kept for late tools, which request
+them by `LATCHED_MARK`. All earlier messages are requested by `PAST_MARK`, in batches.
 """
 
 from __future__ import annotations
@@ -21,21 +20,30 @@ import zmq
 from palpate.messages.bus.control import ControlClient
 from palpate.messages.bus.message_log import Cause, MessageLog, SendTimes
 from palpate.messages.bus.publisher import Publisher
-from palpate.messages.bus.sockets import Addresses, Socket, SocketContext, bind, connect, received
-from palpate.messages.bus.subscriber import RECONNECT_MS, Received, Subscriber
+from palpate.messages.bus.sockets import (
+    DEFAULT_SOCKETS,
+    Addresses,
+    Socket,
+    SocketContext,
+    SocketSettings,
+    bind,
+    connect,
+    received,
+)
+from palpate.messages.bus.subscriber import Received, Subscriber
 from palpate.messages.codec import Header, encode, pack_frame, schema_hash, split_frame
 from palpate.messages.types import ALL_KEPT, LATCHED, TYPES, LogRecord, NodeStatus
 
 STATUS_TOPIC, LOG_TOPIC = "/node/status", "/log"
-TAP_DEPTH = 64  # Messages that a slow tool may lag behind before it loses some
-LATCHED_DEPTH = TAP_DEPTH // 2  # Most messages of a latched topic that a late tool receives
-LATCHED_MARK = b"\x02"  # Before a topic: what was latched before the subscription
-PAST_MARK = b"\x03"  # Before a topic: what is sent once more to who asks for it
-PAST_BATCH = TAP_DEPTH // 2  # Most messages that are sent once more at one request
+TAP_DEPTH = 64  # messages in the queue of a tap; a slower tool loses messages
+LATCHED_DEPTH = TAP_DEPTH // 2  # messages of a latched topic that a late tool receives
+PAST_BATCH = TAP_DEPTH // 2  # earlier messages that are sent at one request
+LATCHED_MARK = b"\x02"  # before a topic: messages that were latched before the subscription
+PAST_MARK = b"\x03"  # before a topic: earlier messages on request
 
 
 class Tap:
-    """The lossy outlet of one node."""
+    """The lossy publisher of one node."""
 
     def __init__(
         self,
@@ -44,8 +52,8 @@ class Tap:
         *,
         run: int,
         epoch: int,
-        latched: Mapping[str, int] = MappingProxyType({}),  # Topic to how many messages count
-        past: MessageLog | None = None,  # What was published before
+        latched: Mapping[str, int] = MappingProxyType({}),  # numbers kept by topic
+        past: MessageLog | None = None,  # of published messages
     ) -> None:
         self.run, self.epoch = run, epoch
         self._past = past
@@ -55,14 +63,11 @@ class Tap:
         self._mirroring = False
         self.socket = context.socket(zmq.XPUB)
         self.socket.setsockopt(zmq.SNDHWM, TAP_DEPTH)
-        self.socket.setsockopt(zmq.XPUB_VERBOSE, 1)  # The second who asks is late, too
+        self.socket.setsockopt(zmq.XPUB_VERBOSE, 1)  # notices of all subscribers
         bind(self.socket, endpoint)
 
     def refresh(self) -> bool:
-        """Take note of who listens; who asks for what is latched gets it.
-
-        Returns whether anybody has begun to listen.
-        """
+        """Handle subscriptions, and send requested messages; returns whether a tool has joined."""
         has_begun = False
         while (notice := received(self.socket)) is not None:
             has_begun |= notice.startswith(b"\x01")
@@ -80,7 +85,7 @@ class Tap:
         return has_begun
 
     def _send_past(self, topic: bytes, wanted: bytes) -> None:
-        """Send messages of a topic from a number on once more, and a mark behind them."""
+        """Send earlier messages of a topic from a number on, and an end mark."""
         number = wanted.partition(b".")[0]
         if self._past is None or not (0 < len(number) < 20 and number.isdigit()):
             return
@@ -90,7 +95,7 @@ class Tap:
         self.socket.send(PAST_MARK + topic + b"\0", zmq.DONTWAIT)
 
     def publish(self, message: NodeStatus | LogRecord) -> None:
-        """Send the node's own word, if anybody listens."""
+        """Send the node's own status or log record, if a tool subscribes to it."""
         topic = STATUS_TOPIC if isinstance(message, NodeStatus) else LOG_TOPIC
         seq, robot_time = self._published[topic], getattr(message, "robot_time", 0.0)
         self._published[topic] += 1
@@ -99,12 +104,15 @@ class Tap:
         self.socket.send(pack_frame(topic, header, encode(message)), zmq.DONTWAIT)
 
     def keep(self, frame: bytes) -> None:
-        """Keep a copy of a reliable frame for those who come late, if its topic is latched."""
-        if self._latched and (kept := self._latched.get(frame[: frame.index(0) + 1])) is not None:
-            kept.append(frame)
+        """Keep a copy of a reliable frame for late tools, if its topic is latched."""
+        if (
+            self._latched
+            and (latched := self._latched.get(frame[: frame.index(0) + 1])) is not None
+        ):
+            latched.append(frame)
 
     def mirror(self, frame: bytes) -> None:
-        """Send a copy of a reliable frame, if anybody wants copies; keep it if it is latched."""
+        """Send a copy of a reliable frame, if a tool subscribes; keep it if it is latched."""
         self.keep(frame)
         if self._mirroring:
             self.socket.send(frame, zmq.DONTWAIT)
@@ -115,20 +123,21 @@ class Tap:
 
 
 class TapReader:
-    """Listens to the taps of several nodes."""
+    """Receives from the taps of several nodes."""
 
     def __init__(
         self,
         context: zmq.Context[Socket],
         endpoints: Iterable[str],
         topics: Iterable[str],
-        depth: int = TAP_DEPTH,  # Most messages in the queue from one tap
+        depth: int = TAP_DEPTH,  # maximum number of messages in the queue from one tap
         *,
-        latched: bool = False,  # Whether what was latched before is wanted, too
+        latched: bool = False,  # whether earlier latched messages are requested
+        settings: SocketSettings = DEFAULT_SOCKETS,
     ) -> None:
         self.socket = context.socket(zmq.SUB)
         self.socket.setsockopt(zmq.RCVHWM, depth)
-        self.socket.setsockopt(zmq.RECONNECT_IVL, RECONNECT_MS)
+        self.socket.setsockopt(zmq.RECONNECT_IVL, settings.reconnect_ms)
         for topic in topics:
             self.socket.subscribe(_prefix(topic))
             if latched:
@@ -139,7 +148,7 @@ class TapReader:
     def receive(self) -> tuple[str, Header, bytes] | None:
         """Topic, header and body of the next message; None if there is none.
 
-        Raises ValueError if what arrived is not a frame.
+        Raises ValueError if it is no frame.
         """
         frame = received(self.socket)
         return None if frame is None else split_frame(frame.removeprefix(LATCHED_MARK))
@@ -150,28 +159,34 @@ class TapReader:
 
 
 class PastReader:
-    """Asks one node for what it has published, by its tap: nobody waits for who asks."""
+    """Requests earlier messages of one node by its tap, without blocking the graph."""
 
-    def __init__(self, context: zmq.Context[Socket], endpoint: str, topics: Iterable[str]) -> None:
+    def __init__(
+        self,
+        context: zmq.Context[Socket],
+        endpoint: str,
+        topics: Iterable[str],
+        settings: SocketSettings = DEFAULT_SOCKETS,
+    ) -> None:
         self._request, self._numbers = b"", count()
         self.socket = context.socket(zmq.SUB)
-        self.socket.setsockopt(zmq.RECONNECT_IVL, RECONNECT_MS)
+        self.socket.setsockopt(zmq.RECONNECT_IVL, settings.reconnect_ms)
         for topic in topics:
             self.socket.subscribe(PAST_MARK + _prefix(topic))
         connect(self.socket, endpoint)
 
     def ask(self, topic: str, seq: int) -> None:
-        """Ask for the next messages of a topic, `PAST_BATCH` at most, from a number on."""
+        """Request at most `PAST_BATCH` messages of a topic from a number on."""
         if self._request:
             self.socket.unsubscribe(self._request)
-        # No two requests are alike, for the second of such would not be sent.
+        # Requests are numbered, since a repeated subscription is not sent.
         self._request = PAST_MARK + _prefix(topic) + b"%d.%d" % (seq, next(self._numbers))
         self.socket.subscribe(self._request)
 
     def receive(self) -> tuple[str, tuple[Header, bytes] | None] | None:
-        """A topic and a message of it, or None behind the last that was asked for.
+        """A topic and its next message, or the topic and None after the last requested message.
 
-        None if nothing has come. Raises ValueError if what arrived is not a frame.
+        None if nothing has arrived. Raises ValueError if it is no frame.
         """
         frame = received(self.socket)
         if frame is None:
@@ -190,28 +205,24 @@ def _prefix(topic: str) -> bytes:
     return topic.encode() + b"\0"
 
 
-_BLOCKED_POLL_MS = 10
-LINGER_MS = 1000  # At the end, messages that are still queued have this long to leave
-
-
 class NodeSockets:
     """The sockets of one node.
 
-    Raises zmq.ZMQError if an address cannot be bound, or there are no more files to be had.
+    Raises zmq.ZMQError if an address cannot be bound, or no more files can be opened.
     """
 
     def __init__(
         self,
-        name: str,  # Name of the node
-        place: Addresses,  # Addresses of the run
+        name: str,  # of the node
+        place: Addresses,
         *,
-        # Name of each publisher to the topics that are subscribed to
-        subscriptions: Mapping[str, Sequence[str]],
-        # Each topic that the node publishes, with the names of its subscribers
-        publications: Mapping[str, tuple[str, ...]],
-        persistent: bool = False,  # Whether what it publishes is kept beyond the node's death
-        types: Mapping[str, str] = MappingProxyType({}),  # Topic to its message type, if known
+        subscriptions: Mapping[str, Sequence[str]],  # topics by publisher
+        publications: Mapping[str, tuple[str, ...]],  # names of subscribers by topic
+        persistent: bool = False,  # whether published messages survive the node's death
+        types: Mapping[str, str] = MappingProxyType({}),  # known message types by topic
+        settings: SocketSettings = DEFAULT_SOCKETS,
     ) -> None:
+        self._settings = settings
         wanted = [topic for topic, subscribers in publications.items() if subscribers]
         past = MessageLog(
             Path(place.pasts[name]),
@@ -221,28 +232,28 @@ class NodeSockets:
             epoch=place.epoch,
         )
         self._wires = SocketContext(place.key)
-        # What has no subscriber is not published again, and what is kept carries its times itself.
+        # Times are not needed without subscribers, or where frames are kept with their times.
         times = SendTimes(Path(place.times[name]), name, () if persistent else wanted)
         self._inbox: deque[Received] = deque()
         self._poller, self._blocked = zmq.Poller(), zmq.Poller()
-        # Called now and then while a subscriber's queue is full: who waits for it does not hang
+        # Called while a subscriber's queue is full, so that a waiting node does not seem to hang.
         self.while_blocked: Callable[[], None] = lambda: None
-        kept = {
+        latched = {
             topic: LATCHED_DEPTH if TYPES[kind] in ALL_KEPT else 1
             for topic, kind in types.items()
             if TYPES.get(kind) in LATCHED
         }
         try:
             again = place.going and not persistent
-            self._open(name, place, subscriptions, publications, past, times, kept, again=again)
+            self._open(name, place, subscriptions, publications, past, times, latched, again=again)
         except zmq.ZMQError:
             self._wires.destroy()
             times.close()
             raise
-        for topic, number in kept.items():  # what an earlier start has published
+        for topic, number in latched.items():  # messages of an earlier start
             for frame in past.since(topic, max(past.count(topic) - number, 0)):
                 self.tap.keep(frame)
-        # The publisher by its descriptor: it wakes when a place in a queue has come free.
+        # The publisher's descriptor wakes when its queue is no longer full.
         self._blocked.register(self.subscriber.socket, zmq.POLLIN)
         self._blocked.register(self.publisher.socket.getsockopt(zmq.FD), zmq.POLLIN)
         for socket in (self.subscriber.socket, self.publisher.socket, self.line.socket):
@@ -261,7 +272,8 @@ class NodeSockets:
         again: bool,
     ) -> None:
         context, run, epoch, depth = self._wires.context, place.run, place.epoch, place.depth
-        self.line = ControlClient(context, place.control, name=name)
+        settings = self._settings
+        self.line = ControlClient(context, place.control, name=name, settings=settings)
         self.subscriber = Subscriber(
             context,
             name=name,
@@ -270,6 +282,7 @@ class NodeSockets:
             sources=subscriptions,
             endpoints=place.endpoints,
             depth=depth,
+            settings=settings,
         )
         self.publisher = Publisher(
             context,
@@ -284,41 +297,42 @@ class NodeSockets:
             times=times,
             again=again,
             ahead_ns=place.ahead_ns,
+            settings=settings,
         )
         tap = place.taps[name]
         self.tap = Tap(context, tap, run=run, epoch=epoch, latched=latched, past=past)
 
     @property
     def waiting(self) -> bool:
-        """Whether messages lie in the inbox."""
+        """Whether the inbox has messages."""
         return bool(self._inbox)
 
     def wait(self, timeout_ms: int) -> tuple[bool, bool]:
-        """Wait until something arrives; answer those who join.
+        """Wait until something arrives, and answer nodes that join.
 
-        Returns whether messages, and words of the launcher, are there to be taken.
+        Returns whether there are messages, and whether there are control messages of the launcher.
         """
-        received = told = False
+        has_messages = has_control = False
         for socket, _ in self._poller.poll(timeout_ms):
             if socket is self.subscriber.socket:
-                received = True
+                has_messages = True
             elif socket is self.line.socket:
-                told = True
+                has_control = True
             else:
                 self.publisher.serve()
-        return received, told
+        return has_messages, has_control
 
     def receive(self) -> Received | None:
-        """Return the next message in the order of arrival, or None; never waits."""
+        """The next message in the order of arrival; None if there is none. It never waits."""
         return self._inbox.popleft() if self._inbox else self._received()
 
     def take_in(self) -> None:
-        """Move all that has arrived into the inbox."""
+        """Move all messages that have arrived into the inbox."""
         while (arrival := self._received()) is not None:
             self._inbox.append(arrival)
 
     def give_back(self, arrivals: Iterable[Received]) -> None:
-        """Have messages handed out again, before all others."""
+        """Put messages back at the front of the inbox."""
         self._inbox.extendleft(reversed(list(arrivals)))
 
     def send(
@@ -334,11 +348,11 @@ class NodeSockets:
 
         Raises BlockedError if a subscriber's queue stays full for too long.
         """
-        how = {"outlives": outlives, "outside": outside}
-        self.tap.mirror(self.publisher.send(topic, body, robot_time, schema, **how))
+        marks = {"outlives": outlives, "outside": outside}
+        self.tap.mirror(self.publisher.send(topic, body, robot_time, schema, **marks))
 
     def answer(self, published: Sequence[tuple[str, bytes, float, int]], cause: Cause) -> None:
-        """Publish all that answers one message, once it is kept, with copies for the tap.
+        """Keep and publish all answers to one message, with copies for the tap.
 
         Raises BlockedError if a subscriber's queue stays full for too long.
         """
@@ -346,9 +360,9 @@ class NodeSockets:
             self.tap.mirror(frame)
 
     def close(self) -> None:
-        """Close everything, the receiving end first: what is still sent to it is not wanted."""
+        """Close all sockets, the subscriber first, since it needs no more messages."""
         self.subscriber.close()
-        self.publisher.close(LINGER_MS)
+        self.publisher.close(self._settings.linger_ms)
         self.tap.close()
         self.line.close()
         self._wires.close()
@@ -360,6 +374,6 @@ class NodeSockets:
         return arrival
 
     def _drain(self) -> None:
-        self._blocked.poll(_BLOCKED_POLL_MS)
+        self._blocked.poll(self._settings.blocked_poll_ms)
         self.take_in()
         self.while_blocked()

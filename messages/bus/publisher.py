@@ -1,11 +1,11 @@
 """The sending end of a node's reliable topics.
 
-Nothing that is sent is ever dropped: a full queue makes the sender wait, and while it waits it
-takes in what others send to it, so that two nodes that send to each other cannot lock up.
-Everything sent is kept, for those who join late. Its time is later than that of all that the
-node has sent or received, so that times order effects behind their causes, on several machines
-too (L. Lamport, Comm. ACM 21 (7), 1978). A publisher that starts again sends to each subscriber
-what that one still lacks, with the times of the first time.
+No message is ever dropped: a sender waits while a queue is full, and receives messages meanwhile,
+so that two nodes that send to each other cannot deadlock. All messages are kept for subscribers
+that join late. The time of a message is later than that of all messages that the node has sent or
+received, so that effects are later than their causes, also on several machines (L. Lamport, Comm.
+ACM 21 (7), 1978). A restarted publisher sends to each subscriber the messages that it lacks, with
+their first times.
 """
 
 from __future__ import annotations
@@ -18,11 +18,8 @@ import zmq
 
 from palpate.messages.bus import handshake
 from palpate.messages.bus.message_log import Cause, MessageLog, SendTimes
-from palpate.messages.bus.sockets import Socket, bind, received
+from palpate.messages.bus.sockets import DEFAULT_SOCKETS, Socket, SocketSettings, bind, received
 from palpate.messages.codec import Header, pack_frame
-
-SEND_TIMEOUT = 10.0  # A sender gives up after its queue has been full for this long, s
-ZERO_COPY_BYTES = 1 << 16  # Frames of so many bytes are handed over without a copy
 
 
 class BlockedError(RuntimeError):
@@ -35,30 +32,27 @@ class Publisher:
     def __init__(
         self,
         context: zmq.Context[Socket],
-        endpoint: str,  # Address to bind
+        endpoint: str,  # address to bind
         *,
-        name: str,  # Who sends, in which run, after how many starts
+        name: str,  # of the publishing node
         run: int,
-        epoch: int,
-        # Every topic, with the names of its known subscribers
-        subscribers: Mapping[str, tuple[str, ...]],
-        depth: int,  # Most messages in the queue to one subscriber
-        # Takes in what has arrived, waiting for a moment; called while a queue is full
-        drain: Callable[[], None],
-        past: MessageLog,  # Where what was published is kept
-        times: SendTimes,  # Where it is put down when
-        # Whether it publishes once more what an earlier start had, until `go_live`
-        again: bool = False,
-        patience: float = SEND_TIMEOUT,  # Longest wait for a full queue, s
-        ahead_ns: int = 0,  # How far the launcher's clock is ahead of this machine's, ns
+        epoch: int,  # number of earlier starts of the node
+        subscribers: Mapping[str, tuple[str, ...]],  # names by topic
+        depth: int,  # maximum number of messages in the queue to one subscriber
+        drain: Callable[[], None],  # receives messages for a moment; called while a queue is full
+        past: MessageLog,  # of published messages
+        times: SendTimes,  # of published messages
+        again: bool = False,  # whether it repeats the messages of an earlier start, until `go_live`
+        ahead_ns: int = 0,  # by which the launcher's clock is ahead of this machine's [ns]
+        settings: SocketSettings = DEFAULT_SOCKETS,
     ) -> None:
         self.name, self.run, self.epoch = name, run, epoch
-        self.blocked = 0  # How often a queue was full
-        # Time of the latest message sent or received, ns: the next one is sent later
+        self.blocked = 0  # how often a queue was full
+        # Time of the latest message sent or received [ns]: the next one is sent later.
         self.latest_ns = past.latest_ns
         self._subscribers = dict(subscribers)
-        self.past, self._times = past, times  # What was published, and when
-        self._drain, self._patience, self._ahead_ns = drain, patience, ahead_ns
+        self.past, self._times = past, times
+        self._drain, self._settings, self._ahead_ns = drain, settings, ahead_ns
         self._lacks: dict[tuple[bytes, str], int] | None = {} if again else None
         self.socket = context.socket(zmq.XPUB)
         self.socket.setsockopt(zmq.XPUB_NODROP, 1)
@@ -82,11 +76,11 @@ class Publisher:
     ) -> bytes:
         """Send one message to all subscribers of the topic, and return its frame.
 
-        Before `go_live`, to those alone who have asked for it. What `outlives` this start of the
-        node is not made again by the next; what comes from `outside` a tool had it publish.
+        Before `go_live` only subscribers that lack the message get it. `outlives`: the next start
+        of the node does not make the message again. `outside`: it was requested by a tool.
 
-        Raises KeyError if the topic is not one of this publisher's; BlockedError if a subscriber's
-        queue stays full for longer than the patience.
+        Raises KeyError if the topic is not one of this publisher; BlockedError if a subscriber's
+        queue stays full for longer than `send_timeout` of the settings.
         """
         seq = self.past.count(topic)
         sent_ns = self._time(topic, seq)
@@ -103,7 +97,7 @@ class Publisher:
     def answer(
         self, published: Sequence[tuple[str, bytes, float, int]], cause: Cause
     ) -> list[bytes]:
-        """Send all that answers one message, in its order, once all is kept; returns the frames.
+        """Keep all answers to one message, then send them in order; returns the frames.
 
         Raises KeyError, BlockedError as `send` does.
         """
@@ -119,11 +113,11 @@ class Publisher:
         return [frame for _, frame in frames]
 
     def was_published(self, topic: str) -> bool:
-        """Whether an earlier start had published the message that comes next on a topic."""
+        """Whether an earlier start published the next message of a topic."""
         return self._times.before(topic, self.past.count(topic)) is not None
 
     def promise(self, topic: str, make: Callable[[], bytes], schema: int) -> None:
-        """Have a message made and sent if it is a new one, or if somebody lacks it, now or later.
+        """Make and send a message if it is new, or if a subscriber lacks it now or later.
 
         Raises KeyError, BlockedError as `send` does.
         """
@@ -138,26 +132,26 @@ class Publisher:
             self._put(handshake.resent_frame(call, frame), topic)
 
     def go_live(self) -> None:
-        """All that had been published is published again: from here on all receive at once."""
+        """End the repetition of an earlier start: all subscribers receive from now on."""
         lacks, self._lacks = self._lacks, None
         for call, topic in lacks or ():
             self._put(handshake.in_step_notice(call, topic), topic)
 
     def serve(self) -> None:
-        """Answer all who have asked to join."""
+        """Answer all requests to join."""
         while (notice := received(self.socket)) is not None:
             request = handshake.read_request(notice)
             if request is not None and request.publisher == self.name:
                 self._answer(request)
 
-    def close(self, linger: int) -> None:
-        """Close, giving what is still queued this long to leave, ms."""
-        self.socket.close(linger)
+    def close(self, linger_ms: int) -> None:
+        """Close; queued messages have `linger_ms` to leave."""
+        self.socket.close(linger_ms)
         self.past.close()
         self._times.close()
 
     def _lacking(self, topic: str, seq: int) -> list[bytes]:
-        """Calls of those who wait for a message while what had been published is again."""
+        """Calls of subscribers that lack a message while an earlier start is repeated."""
         lacks = (self._lacks or {}).items()
         return [call for (call, asked), wanted in lacks if asked == topic and seq >= wanted]
 
@@ -175,8 +169,8 @@ class Publisher:
             greeting = handshake.greeting(request.call, self.epoch)
             self._put(greeting, "the greeting of a joining node")
             return
-        # A subscriber that reconnects says its old cursors again; those of an earlier start
-        # of this node carry that start's epoch.
+        # A subscriber that reconnects repeats its cursors; those to an earlier start of this node
+        # have the epoch of that start.
         if request.epoch != self.epoch or request.topic not in self._subscribers:
             return
         for frame in self.past.since(request.topic, request.wanted):
@@ -188,7 +182,7 @@ class Publisher:
             self._lacks[request.call, request.topic] = max(request.wanted, published)
 
     def _put(self, frame: bytes, topic: str) -> None:
-        copy = len(frame) < ZERO_COPY_BYTES
+        copy = len(frame) < self._settings.zero_copy_size
         try:
             self.socket.send(frame, zmq.DONTWAIT, copy=copy)
         except zmq.Again:
@@ -196,10 +190,11 @@ class Publisher:
             self._put_when_free(frame, topic, copy)
 
     def _put_when_free(self, frame: bytes, topic: str, copy: bool) -> None:
-        deadline = time.monotonic() + self._patience
+        timeout = self._settings.send_timeout
+        deadline = time.monotonic() + timeout
         while time.monotonic() < deadline:
             self._drain()
-            # Looking at its state is what makes the socket notice that a place has come free.
+            # Reading its events makes the socket notice that its queue is no longer full.
             self.socket.getsockopt(zmq.EVENTS)
             try:
                 self.socket.send(frame, zmq.DONTWAIT, copy=copy)
@@ -208,6 +203,6 @@ class Publisher:
             return
         blockers = " or ".join(self._subscribers.get(topic, ())) or "a subscriber"
         raise BlockedError(
-            f"{self.name} could not send {topic} for {self._patience:g} s: "
+            f"{self.name} could not send {topic} for {timeout:g} s: "
             f"{blockers} does not take its messages"
         )

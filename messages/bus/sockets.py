@@ -1,7 +1,7 @@
-"""Sockets of one process and addresses of a run: plain in one machine, locked between machines.
+"""Sockets of one process and addresses of a run: plain in one machine, encrypted between machines.
 
-The lock is CURVE, with one key pair for all that may take part: who has the key may publish and
-subscribe, nobody else; and nobody else can read what is published.
+The encryption is CURVE, with one key pair for all machines of a graph: only processes with the key
+can publish, subscribe, and read messages.
 """
 
 from __future__ import annotations
@@ -13,18 +13,32 @@ from pathlib import Path
 import zmq
 
 Socket = zmq.Socket[bytes]
-QUEUE_DEPTH = 1000  # Most messages in a queue between two nodes, unless the launch says otherwise
-LAUNCHER = "launcher"  # Name under which the launcher subscribes; no node may bear it
+DEFAULT_QUEUE_DEPTH = 1000  # messages in a queue between two nodes
+LAUNCHER = "launcher"  # name by which the launcher subscribes; no node may have it
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SocketSettings:
+    """Times and sizes of the sockets of one process."""
+
+    reconnect_ms: int = 5  # between attempts to reconnect to a publisher
+    send_timeout: float = 10.0  # after which a sender with a full queue gives up [s]
+    blocked_poll_ms: int = 10  # between attempts to send with a full queue
+    linger_ms: int = 1000  # for queued messages to leave at the end
+    control_linger_ms: int = 500  # the same for control messages
+    zero_copy_size: int = 1 << 16  # of frames that are sent without a copy [bytes]
+
+
+DEFAULT_SOCKETS = SocketSettings()
 
 
 class SocketContext:
-    """Where sockets are made, closed in the end; with the key of a file, if one is named.
+    """The context in which sockets are made, with the key of a file if one is named.
 
-    Raises ValueError if the file holds no key that could be used.
+    Raises ValueError if the file holds no usable key.
     """
 
     def __init__(self, key: str = "") -> None:
-        # Where sockets are made; those that connect have the key already
         self.context: zmq.Context[Socket] = zmq.Context()
         self._gate: CurveAuthenticator | None = None
         if key:
@@ -35,20 +49,20 @@ class SocketContext:
                 raise
 
     def close(self) -> None:
-        """Close the context; its sockets must have been closed."""
+        """Close the context, whose sockets are closed already."""
         if self._gate is not None:
             self._gate.close()
         self.context.term()
 
     def destroy(self) -> None:
-        """Close whatever sockets are left at once, and the context."""
+        """Close all sockets at once, and the context."""
         if self._gate is not None:
             self._gate.close()
         self.context.destroy(linger=0)
 
 
 def received(socket: Socket) -> bytes | None:
-    """What has arrived at a socket, or None; never waits."""
+    """The next frame at a socket; None if there is none. It never waits."""
     try:
         return socket.recv(zmq.DONTWAIT)
     except zmq.Again:
@@ -56,9 +70,9 @@ def received(socket: Socket) -> bytes | None:
 
 
 def bind(socket: Socket, endpoint: str) -> None:
-    """Bind a socket; beyond the files of this machine only with a key.
+    """Bind a socket; an address of the network needs a key.
 
-    ValueError if others could reach it without a key; zmq.ZMQError if the address is not free.
+    Raises ValueError if it has no key; zmq.ZMQError if the address is not free.
     """
     if endpoint.startswith("tcp:"):
         _check_locked(socket, endpoint)
@@ -67,9 +81,9 @@ def bind(socket: Socket, endpoint: str) -> None:
 
 
 def connect(socket: Socket, endpoint: str) -> None:
-    """Connect a socket; beyond the files of this machine only with a key.
+    """Connect a socket; an address of the network needs a key.
 
-    Raises ValueError if others could read what is published.
+    Raises ValueError if it has no key.
     """
     if endpoint.startswith("tcp:"):
         _check_locked(socket, endpoint)
@@ -87,25 +101,25 @@ def _check_locked(socket: Socket, endpoint: str) -> None:
 class Addresses:
     """The addresses of one run, the same for all its nodes."""
 
-    run: int  # Number of the run, 64 bits
-    epoch: int  # Counts the starts of this node
-    depth: int  # Most messages in a queue between two nodes
-    endpoints: Mapping[str, str]  # Name of the node to the address of its reliable topics
-    taps: Mapping[str, str]  # Name of the node to the address of its tap
-    control: str  # Address at which the launcher listens to the nodes
-    tools: str  # Address at which the launcher answers tools
-    journals: Mapping[str, str]  # Node to the file in which it puts down what it consumes
-    times: Mapping[str, str]  # Name of the node to the file of the times at which it published
-    pasts: Mapping[str, str]  # Node to the file of what it published and does not remember
-    key: str = ""  # File of the secret key that locks all sockets; empty within one machine
-    ahead_ns: int = 0  # How far the launcher's clock is ahead of this machine's, ns
-    going: bool = False  # Whether the graph had been started when this node was started again
+    run: int  # number of the run, 64 bits
+    epoch: int  # number of earlier starts of this node
+    depth: int  # maximum number of messages in a queue between two nodes
+    endpoints: Mapping[str, str]  # addresses of reliable topics by node
+    taps: Mapping[str, str]  # addresses of taps by node
+    control: str  # address at which the launcher listens to nodes
+    tools: str  # address at which the launcher answers tools
+    journals: Mapping[str, str]  # files of consumed messages by node
+    times: Mapping[str, str]  # files of the times of published messages by node
+    pasts: Mapping[str, str]  # files of published messages that exceed the memory, by node
+    key: str = ""  # file of the secret key; empty within one machine
+    ahead_ns: int = 0  # by which the launcher's clock is ahead of this machine's [ns]
+    going: bool = False  # whether the graph was running when this node was started
 
 
 class CurveAuthenticator:
-    """Gives sockets that are made from now on the key of a file, and lets nobody in without it.
+    """Gives new sockets the key of a file, and refuses connections without it.
 
-    Raises ValueError if the file holds no key that could be used.
+    Raises ValueError if the file holds no usable key.
     """
 
     def __init__(self, context: zmq.Context[Socket], key: str) -> None:
@@ -121,19 +135,19 @@ class CurveAuthenticator:
         context.setsockopt(zmq.CURVE_SERVERKEY, public)
 
     def callback(self, domain: str, key: bytes) -> bool:
-        """Whether a public key, in Z85, is let in."""
+        """Whether a public key, in Z85, is accepted."""
         return key == self._public
 
     def close(self) -> None:
-        """Let nobody in any more."""
+        """Stop authenticating."""
         self._guard.stop()
 
 
 def make_key(path: Path) -> None:
-    """Make a key file that only this user can read.
+    """Write a new key file that only this user can read.
 
-    Raises FileExistsError if there is one already: those who have it would be locked out; OSError
-    if it cannot be written.
+    Raises FileExistsError if the file exists: owners of the old key would be locked out; OSError if
+    it cannot be written.
     """
     if path.exists():
         raise FileExistsError(f"key {path} exists already; it is not overwritten")
@@ -151,7 +165,7 @@ def read_key(path: Path) -> tuple[bytes, bytes]:
     from zmq.auth import load_certificate
 
     try:
-        shared = path.stat().st_mode & 0o077
+        is_shared = path.stat().st_mode & 0o077
         public, secret = load_certificate(path)
     except (OSError, ValueError) as error:
         why = error.strerror if isinstance(error, OSError) and error.strerror else error
@@ -162,6 +176,6 @@ def read_key(path: Path) -> tuple[bytes, bytes]:
         is_pair = False
     if secret is None or not is_pair:
         raise ValueError(f"key {path} cannot be used: it holds no key pair")
-    if shared:
+    if is_shared:
         raise ValueError(f"key {path} can be read by others; run chmod 600 {path}")
     return public, secret

@@ -1,4 +1,4 @@
-"""The receiving end of reliable topics: every message once, and in the order of its sending."""
+"""The receiving end of reliable topics: each message arrives once, in the order of sending."""
 
 from __future__ import annotations
 
@@ -9,19 +9,17 @@ from typing import NamedTuple
 import zmq
 
 from palpate.messages.bus import handshake
-from palpate.messages.bus.sockets import Socket, connect, received
+from palpate.messages.bus.sockets import DEFAULT_SOCKETS, Socket, SocketSettings, connect, received
 from palpate.messages.codec import Header, split_frame
-
-RECONNECT_MS = 5  # A publisher that comes back is found again within this time
 
 
 class Received(NamedTuple):
-    """One message as it arrived."""
+    """A message that has arrived."""
 
-    publisher: str  # Name of the node that sent it
-    topic: str  # Topic on the wire
-    header: Header  # What the frame says before the body
-    body: bytes  # The message, still encoded
+    publisher: str  # name of the sending node
+    topic: str  # on the wire
+    header: Header
+    body: bytes  # encoded
 
 
 @dataclass(slots=True)
@@ -36,27 +34,26 @@ class _Edge:
 class Subscriber:
     """Receives reliable topics of several publishers.
 
-    A frame is taken if it carries the epoch that its publisher greeted with, and the next
-    sequence of its topic. A smaller sequence is a duplicate; a larger one is early, as long as
-    the past is still being sent, and a gap after that.
+    A frame is accepted if it has the epoch of its publisher's greeting, and the next sequence of
+    its topic. A smaller sequence is a duplicate. A larger one is early while earlier messages are
+    being resent, and a gap after that.
     """
 
     def __init__(
         self,
         context: zmq.Context[Socket],
         *,
-        name: str,  # Who receives, in which run, after how many starts
+        name: str,  # of the subscribing node
         run: int,
-        epoch: int,
-        # Name of each publisher to the topics that are subscribed to
-        sources: Mapping[str, Sequence[str]],
-        endpoints: Mapping[str, str],  # Name of each publisher to its address
-        depth: int,  # Most messages in the queue from one publisher
+        epoch: int,  # number of earlier starts of the node
+        sources: Mapping[str, Sequence[str]],  # topics by publisher
+        endpoints: Mapping[str, str],  # addresses by publisher
+        depth: int,  # maximum number of messages in the queue from one publisher
+        settings: SocketSettings = DEFAULT_SOCKETS,
     ) -> None:
         self.name, self.run, self.epoch = name, run, epoch
-        self.duplicates = 0  # Messages that came twice and were dropped
-        # Messages that came before their past, and were dropped to come again in order
-        self.early = 0
+        self.duplicates = 0  # number of repeated messages, which are dropped
+        self.early = 0  # number of early messages, which are dropped and resent in order
         edges = [_Edge(source, topic) for source, topics in sources.items() for topic in topics]
         self._edges = {edge.topic: edge for edge in edges}
         self._of = {source: [self._edges[topic] for topic in sources[source]] for source in sources}
@@ -64,8 +61,8 @@ class Subscriber:
         self._cursors: dict[str, list[bytes]] = {}
         self.socket = context.socket(zmq.SUB)
         self.socket.setsockopt(zmq.RCVHWM, depth)
-        self.socket.setsockopt(zmq.RECONNECT_IVL, RECONNECT_MS)
-        # The topics come first: who is greeted is then sure to miss nothing from there on.
+        self.socket.setsockopt(zmq.RECONNECT_IVL, settings.reconnect_ms)
+        # The topics come before the calls, so that nothing is missed after a greeting.
         for topic in self._edges:
             self.socket.subscribe(topic.encode() + b"\0")
         for source in sources:
@@ -73,47 +70,45 @@ class Subscriber:
             self.socket.subscribe(handshake.join_call(name, epoch, source))
 
     def skip(self, topic: str, wanted: int) -> None:
-        """Ask for a topic from a sequence on; before anything has been received."""
+        """Request a topic from a sequence on; only before anything is received."""
         self._edges[topic].wanted = wanted
 
     @property
     def in_step(self) -> bool:
-        """Whether all topics have sent all of their past."""
+        """Whether all earlier messages of all topics have been received."""
         return all(edge.in_step for edge in self._edges.values())
 
     @property
     def gaps(self) -> int:
-        """Messages that are missing."""
+        """Number of missing messages."""
         return sum(self.missing.values())
 
     @property
     def missing(self) -> dict[str, int]:
-        """Messages that are missing, by topic; topics that miss none are left out."""
+        """Numbers of missing messages by topic; complete topics are left out."""
         lacks = {topic: edge.newest + 1 - edge.wanted for topic, edge in self._edges.items()}
         return {topic: number for topic, number in lacks.items() if number > 0}
 
     def receive(self) -> Received | None:
-        """Return the next message, or None if none has arrived; never waits.
+        """The next message; None if none has arrived. It never waits.
 
-        ValueError if a frame is malformed, of another run, or on a topic that was not asked for.
+        Raises ValueError if a frame is malformed, of another run, or on a topic without
+        subscription.
         """
         while (frame := received(self.socket)) is not None:
-            own = (
-                self._handle_reply(handshake.read_reply(frame)) if frame.startswith(b"@") else frame
-            )
-            arrival = None if own is None else self._judge(own)
+            own: bytes | None = frame
+            if frame.startswith(b"@"):
+                own = self._handle_reply(handshake.read_reply(frame))
+            arrival = None if own is None else self._accepted(own)
             if arrival is not None:
                 return arrival
         return None
 
     def close(self) -> None:
-        """Close at once.
-
-        Without a linger: subscriptions to a publisher that has gone would be waited for.
-        """
+        """Close at once, without waiting for subscriptions to publishers that have gone."""
         self.socket.close(0)
 
-    def _judge(self, frame: bytes) -> Received | None:
+    def _accepted(self, frame: bytes) -> Received | None:
         topic, header, body = split_frame(frame)
         edge = self._edges.get(topic)
         if edge is None or header.run != self.run:
@@ -134,18 +129,18 @@ class Subscriber:
         return None
 
     def _handle_reply(self, answer: handshake.JoinReply) -> bytes | None:
-        """Go on with the joining; a frame of the past is returned."""
+        """Continue the handshake; returns a frame that was resent."""
         if answer.kind == handshake.RESENT:
             return answer.rest
         if answer.kind == handshake.GREETING:
-            self._ask(answer.publisher, handshake.read_epoch(answer.rest))
+            self._send_cursors(answer.publisher, handshake.read_epoch(answer.rest))
             return None
         topic = answer.rest.decode(errors="replace")
         if topic in self._edges:
             self._edges[topic].in_step = True
         return None
 
-    def _ask(self, source: str, epoch: int) -> None:
+    def _send_cursors(self, source: str, epoch: int) -> None:
         if self._greeted.get(source) == epoch or source not in self._of:
             return
         self._greeted[source] = epoch

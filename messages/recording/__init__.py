@@ -1,9 +1,9 @@
-"""How messages are kept.
+"""Recordings of messages.
 
-One MCAP file a run, written in whole records and readable up to its first fault. To be tuned:
-chunk size and flush time in `writer`; the bounds in `mcap_reading` are what keeps damaged or
-hostile files from taking memory. Own reader instead of the stock one: that leaves files
-unreadable which were cut off. Rests on mcap and lz4.
+A run has one MCAP file, written in whole records and readable up to its first fault. Chunk size and
+flush time are parameters in `writer`; the limits in `mcap_reading` keep damaged or hostile files
+from taking memory. palpate has its own reader, since that of mcap cannot read files that are cut
+off. This package uses mcap and lz4.
 """
 
 from palpate.messages.recording.mcap_reading import DamagedRecording as DamagedRecording

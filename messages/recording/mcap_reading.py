@@ -1,10 +1,10 @@
-"""The records of an MCAP file, read with every length and checksum doubted.
+"""The records of an untrusted MCAP file: all lengths and checksums are checked.
 
-A file may be cut off, damaged, or made to burst: nothing is unpacked before its size is known, and
-what is of no use here, an attachment say, is passed over in pieces. What bounds memory: a chunk
-unpacks to at most `FEW_BYTES`, or `LARGE_RATIO` times what it takes in the file; its records are
-given one by one; and what has to be remembered of a file, its schemas and channels, is at most
-`DECLARED_BYTES`. Own reader: the stock one leaves files unreadable that were cut off.
+A file may be cut off, damaged or hostile: sizes are checked before anything is unpacked, and unused
+records, as attachments, are skipped in pieces. Memory is limited: a chunk unpacks to at most
+`SMALL_CHUNK_BYTES`, or `MAX_CHUNK_RATIO` times its size in the file; its records are yielded one by
+one; schemas and channels, which are remembered, have at most `MAX_DECLARED_BYTES`. palpate has its
+own reader, since that of mcap cannot read files that are cut off.
 """
 
 from __future__ import annotations
@@ -23,38 +23,35 @@ from mcap.records import Channel, McapRecord, Message, Metadata, Schema
 from palpate.messages.fields import MAX_MESSAGE_BYTES
 
 MAGIC = b"\x89MCAP0\r\n"
-# Of a chunk: the largest message, and what stands before it.
-MAX_CHUNK_BYTES = MAX_MESSAGE_BYTES + (1 << 20)
-# Most bytes of those records that are held in memory.
+MAX_CHUNK_BYTES = MAX_MESSAGE_BYTES + (1 << 20)  # the largest message, and records before it
+# Maximum sizes of records that are held in memory [bytes].
 MAX_HELD_BYTES: Mapping[int, int] = {
     Opcode.CHUNK: MAX_CHUNK_BYTES,
-    Opcode.METADATA: MAX_MESSAGE_BYTES,  # parameters of nodes, a mesh that is touched among them
+    Opcode.METADATA: MAX_MESSAGE_BYTES,  # parameters of nodes, with the mesh of the object
     Opcode.DATA_END: 1 << 10,
     Opcode.SCHEMA: 1 << 20,
     Opcode.CHANNEL: 1 << 20,
     Opcode.MESSAGE_INDEX: 16 << 20,
 }
-# Bytes of records that always have as many.
+# Sizes of records of fixed size [bytes].
 FIXED_BYTES: Mapping[int, int] = {Opcode.FOOTER: 20, Opcode.SUMMARY_OFFSET: 17}
 KINDS = frozenset(map(int, Opcode))
 _HEAD = struct.Struct("<BQ")
-_SKIP_BYTES = 1 << 20  # Bytes that are passed over at once
-# To which any chunk may unpack, be it all zeros: it holds 64 kB of messages and one more, which is
-# at most 1 MiB for most types.
+# Size to which any chunk may unpack: it has 64 kB of messages and one more, which is at most 1 MiB
+# for most types.
 SMALL_CHUNK_BYTES = 12 << 20
-# Of a larger chunk, unpacked to packed. What is larger is a mesh, and even flat grids are packed by
-# lz4 to two fifths only.
+# Ratio of unpacked to packed size of a larger chunk, which has a mesh: lz4 packs even flat grids
+# only to two fifths.
 MAX_CHUNK_RATIO = 8
-LZ4_RATIO = 255  # No byte packed by lz4 becomes more
-# Bytes that a packed record takes at least: no two have the same channel and number, so that none
-# can be a part of one repetition.
+LZ4_RATIO = 255  # limit of lz4 on the ratio of unpacked to packed size
+# Minimum size of a packed record: all records have different channels or numbers, so that none is
+# part of one repetition.
 MIN_PACKED_BYTES = 3
-MAX_DECLARED_BYTES = 1 << 20  # Of all schemas and channels of a file
-_UNPACK_BYTES = 1 << 14  # Packed bytes unpacked at once, to at most 4 MiB and lz4's last block
+MAX_DECLARED_BYTES = 1 << 20  # of all schemas and channels of a file
 _MESSAGE = struct.Struct("<HIQQ")
 _INSIDE = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)
-MAX_TABLE_ENTRIES = 4096  # Of one table of texts: each costs a hundred times its bytes in a file
-MAX_NAME_CHARS = 256  # Characters of a topic or a type
+MAX_TABLE_ENTRIES = 4096  # of a table of texts, of which each takes 100 times its size in the file
+MAX_NAME_CHARS = 256  # of a topic or a type
 _U16 = struct.Struct("<H")
 _U32 = struct.Struct("<I")
 _U64 = struct.Struct("<Q")
@@ -63,33 +60,32 @@ _CHUNK = struct.Struct("<QQQI")
 
 
 class Closed(NamedTuple):
-    """The file's proper end: it was closed."""
+    """The end of a file that was closed."""
 
 
 class DamagedRecording(ValueError):
-    """A recording cannot be read any further, or at all."""
+    """A recording cannot be read, or only up to a byte."""
 
     def __init__(self, path: Path, why: str, byte: int) -> None:
         super().__init__(f"recording {path} {why}")
         self.path = path
-        self.why = why  # The rest of a sentence that begins with the file
-        self.byte = byte  # Bytes of the file that are whole
+        self.why = why  # the rest of a sentence that begins with the file
+        self.byte = byte  # number of undamaged bytes of the file
 
 
 class PlacedRecord(NamedTuple):
-    """A record, and where it was found."""
+    """A record and its position."""
 
-    byte: int  # Where the record begins in the file, or the chunk that holds it
+    byte: int  # of the beginning of the record, or of its chunk, in the file
     record: McapRecord | Closed
 
 
 def placed_records(path: Path) -> Iterator[PlacedRecord]:
-    """Channels, messages, schemas and metadata in the order of the file, with their places.
+    """Channels, messages, schemas and metadata in the order of the file, with their positions.
 
-    `Closed` comes last, and is missing if the file ends after a whole record without having been
-    closed. Raises DamagedRecording if the file is missing, empty, no MCAP file, cut off within a
-    record, damaged, or followed or preceded by other bytes; what was whole before that has been
-    given by then.
+    `Closed` comes last; it is missing if the file was not closed and ends after a whole record.
+    Raises DamagedRecording if the file is missing, empty, no MCAP file, cut off within a record,
+    damaged, or followed or preceded by other bytes; undamaged records have been yielded by then.
     """
     byte = 0
     try:
@@ -106,16 +102,16 @@ def placed_records(path: Path) -> Iterator[PlacedRecord]:
 
 
 def _file_frames(file: IO[bytes]) -> Iterator[tuple[int, int, bytes, int]]:
-    """Place, opcode and content of each record, and the checksum of all bytes before it.
+    """Position, opcode and content of each record, and the checksum of all bytes before it.
 
-    The content is empty where it is of no use.
+    The content of an unused record is empty.
     """
     magic = file.read(len(MAGIC))
     if not magic:
         raise RecordFault("is empty", 0)
     size = os.fstat(file.fileno()).st_size
     if magic != MAGIC:
-        raise RecordFault(_preceded(magic + file.read(_SKIP_BYTES), size), 0)
+        raise RecordFault(_preceded(magic + file.read(1 << 20), size), 0)
     checksum, opcode, place = zlib.crc32(magic), 0, len(MAGIC)
     while opcode != Opcode.FOOTER and place < size:
         head = file.read(_HEAD.size)
@@ -126,12 +122,12 @@ def _file_frames(file: IO[bytes]) -> Iterator[tuple[int, int, bytes, int]]:
         before, checksum = checksum, zlib.crc32(head, checksum)
         if opcode in MAX_HELD_BYTES:
             content = file.read(length)
-            checksum, passed = zlib.crc32(content, checksum), len(content)
+            checksum, n_read = zlib.crc32(content, checksum), len(content)
         else:
             content = b""
-            checksum, passed = _pass(file, length, checksum)
-        if passed < length:
-            raise RecordFault(f"is cut off at byte {place + len(head) + passed}", place)
+            checksum, n_read = _skip(file, length, checksum)
+        if n_read < length:
+            raise RecordFault(f"is cut off at byte {place + len(head) + n_read}", place)
         if opcode == Opcode.FOOTER and not _ends(file, place):
             return
         yield place, opcode, content, before
@@ -141,39 +137,42 @@ def _file_frames(file: IO[bytes]) -> Iterator[tuple[int, int, bytes, int]]:
 
 
 def _preceded(beginning: bytes, size: int) -> str:
-    """What is wrong with a file that begins with other bytes than a recording."""
-    found = beginning.find(MAGIC)
-    if found < 0 or found + len(MAGIC) == size:  # it is none, or that is its end
+    """The fault of a file that begins with other bytes than a recording."""
+    start = beginning.find(MAGIC)
+    if start < 0 or start + len(MAGIC) == size:  # there is none, or it is at the end
         return "is not an MCAP file: it begins otherwise"
-    return f"begins later than its file: {found} bytes precede the beginning of the recording"
+    return f"begins later than its file: {start} bytes precede the beginning of the recording"
 
 
 def _followed(file: IO[bytes], rest: int) -> str:
-    """What is wrong with a file that holds more than the recording."""
+    """The fault of a file that continues after the recording."""
     another = ", and begin as another one" if file.read(len(MAGIC)) == MAGIC else ""
     return f"goes on after its end: {rest} bytes follow the end of the recording{another}"
 
 
 def _check_head(opcode: int, length: int, place: int, size: int) -> None:
-    """Refuse a record that cannot be, before a byte of it is read."""
-    most = MAX_HELD_BYTES.get(opcode, MAX_CHUNK_BYTES)
+    """Raise RecordFault for an impossible record before it is read."""
+    max_length = MAX_HELD_BYTES.get(opcode, MAX_CHUNK_BYTES)
     if opcode not in KINDS or length != FIXED_BYTES.get(opcode, length or -1):
         why = f"no record of kind {opcode} has {length} bytes"
         raise RecordFault(f"is damaged at byte {place}: {why}", place)
-    if length > most:
+    if length > max_length:
         raise RecordFault(
-            f"is damaged at byte {place}: a record of {length} bytes, at most {most} are allowed",
+            f"is damaged at byte {place}: a record of {length} bytes, at most {max_length} are "
+            "allowed",
             place,
         )
     if length > size - place - _HEAD.size:
         raise RecordFault(f"is cut off at byte {size}", place)
 
 
-def _pass(file: IO[bytes], length: int, checksum: int) -> tuple[int, int]:
-    """Checksum of the next bytes too, and how many of them there are."""
+def _skip(
+    file: IO[bytes], length: int, checksum: int, piece_size: int = 1 << 20
+) -> tuple[int, int]:
+    """The checksum with the next `length` bytes, and the number of these that there are."""
     left = length
     while left:
-        piece = file.read(min(left, _SKIP_BYTES))
+        piece = file.read(min(left, piece_size))
         if not piece:
             break
         checksum, left = zlib.crc32(piece, checksum), left - len(piece)
@@ -181,7 +180,7 @@ def _pass(file: IO[bytes], length: int, checksum: int) -> tuple[int, int]:
 
 
 def _ends(file: IO[bytes], place: int) -> bool:
-    """Whether the file ends as it must behind its footer; false if it ends before that."""
+    """Whether the file ends properly after its footer; False if it ends before that."""
     end = file.read(len(MAGIC))
     if end and end != MAGIC:
         raise RecordFault("is cut off at its end", place)
@@ -194,8 +193,7 @@ def _records(
     match opcode:
         case Opcode.CHUNK:
             yield from chunk_records(content, declared)
-        # What says nothing is read all the same: a chunk whose kind was damaged must not go missing
-        # as one of these.
+        # Unused records are checked, too: one may be a chunk with a damaged kind.
         case Opcode.SCHEMA:
             yield declared.schema(memoryview(content))
         case Opcode.CHANNEL:
@@ -218,9 +216,9 @@ def _records(
 
 
 def chunk_records(content: bytes, declared: Declarations) -> Iterator[Schema | Channel | Message]:
-    """Records of a chunk, one at a time, once all their lengths and the checksum are known to fit.
+    """Records of a chunk, one by one, after all their lengths and the checksum are checked.
 
-    Raises RecordFault if the chunk is damaged, or packed in another way than by lz4.
+    Raises RecordFault if the chunk is damaged, or not packed by lz4.
     """
     parts = RecordContent(content)
     _, _, size, checksum = parts.numbers(_CHUNK)
@@ -228,10 +226,10 @@ def chunk_records(content: bytes, declared: Declarations) -> Iterator[Schema | C
     data = memoryview(_unpacked(size, compression, packed))
     if checksum not in (0, zlib.crc32(data)):
         raise RecordFault("is damaged: the checksum of a chunk does not fit")
-    most = len(packed) // MIN_PACKED_BYTES
-    for _ in _chunk_frames(data, most):
-        pass  # a chunk is believed whole or not at all
-    for opcode, start, end in _chunk_frames(data, most):
+    max_records = len(packed) // MIN_PACKED_BYTES
+    for _ in _chunk_frames(data, max_records):
+        pass  # all records are checked before one is used
+    for opcode, start, end in _chunk_frames(data, max_records):
         record = data[start:end]
         if opcode == Opcode.SCHEMA:
             yield declared.schema(record)
@@ -245,14 +243,15 @@ def _unpacked(size: int, compression: str, packed: memoryview) -> bytearray | me
     if compression not in ("", "lz4"):
         raise RecordFault(f"has chunks packed by {compression!r}; only lz4 is read")
     length = len(packed)
-    most = min(LZ4_RATIO * length, max_chunk_bytes(length))
-    if size > most:
+    max_size = min(LZ4_RATIO * length, max_chunk_bytes(length))
+    if size > max_size:
         raise RecordFault(
-            f"is damaged: a chunk of {size} bytes, at most {most} are allowed of {length} packed"
+            f"is damaged: a chunk of {size} bytes, at most {max_size} are allowed of "
+            f"{length} packed"
         )
     if not compression:
         if length != size:
-            raise _lies(size)
+            raise _wrong_size(size)
         return packed
     try:
         return _unpacked_lz4(packed, size)
@@ -261,33 +260,33 @@ def _unpacked(size: int, compression: str, packed: memoryview) -> bytearray | me
 
 
 def max_chunk_bytes(packed: int) -> int:
-    """Bytes to which a chunk of `packed` bytes may unpack; more are neither written nor read."""
+    """Maximum size of a chunk of `packed` bytes; larger chunks are neither written nor read."""
     return min(MAX_CHUNK_BYTES, max(SMALL_CHUNK_BYTES, MAX_CHUNK_RATIO * packed))
 
 
-def _unpacked_lz4(packed: memoryview, size: int) -> bytearray:
-    """Unpack to exactly `size` bytes, and look at no further ones."""
+def _unpacked_lz4(packed: memoryview, size: int, piece_size: int = 1 << 14) -> bytearray:
+    """Unpack to exactly `size` bytes; a piece unpacks to at most 4 MiB and lz4's last block."""
     data, filled = bytearray(size), 0
     unpack = lz4.frame.LZ4FrameDecompressor()
-    for start in range(0, len(packed), _UNPACK_BYTES):
+    for start in range(0, len(packed), piece_size):
         if unpack.eof:
-            raise _lies(size)
-        piece = unpack.decompress(packed[start : start + _UNPACK_BYTES])
+            raise _wrong_size(size)
+        piece = unpack.decompress(packed[start : start + piece_size])
         if len(piece) > size - filled:
-            raise _lies(size)
+            raise _wrong_size(size)
         data[filled : filled + len(piece)] = piece
         filled += len(piece)
     if filled != size or not unpack.eof:
-        raise _lies(size)
+        raise _wrong_size(size)
     return data
 
 
-def _lies(size: int) -> RecordFault:
+def _wrong_size(size: int) -> RecordFault:
     return RecordFault(f"is damaged: a chunk does not hold the {size} bytes that it states")
 
 
-def _chunk_frames(data: memoryview, most: int) -> Iterator[tuple[int, int, int]]:
-    """Opcode of each record, and where its content begins and ends."""
+def _chunk_frames(data: memoryview, max_records: int) -> Iterator[tuple[int, int, int]]:
+    """Opcode of each record, with the beginning and end of its content."""
     at, size = 0, len(data)
     while at < size:
         if size - at < _HEAD.size:
@@ -300,11 +299,11 @@ def _chunk_frames(data: memoryview, most: int) -> Iterator[tuple[int, int, int]]
         at += _HEAD.size
         if length > size - at:
             raise RecordFault("is damaged: a record reaches beyond its chunk")
-        if most == 0:
+        if max_records == 0:
             raise RecordFault(
                 f"is damaged: a chunk holds a record in less than {MIN_PACKED_BYTES} bytes"
             )
-        most -= 1
+        max_records -= 1
         yield opcode, at, at + length
         at += length
 
@@ -319,7 +318,7 @@ def _message(content: memoryview, declared: Declarations) -> Message:
 
 
 class Declarations:
-    """The schemas and channels of a file, as far as it has been read."""
+    """The schemas and channels of a file up to the current record."""
 
     def __init__(self) -> None:
         self._schemas: dict[int, Schema] = {}
@@ -331,7 +330,7 @@ class Declarations:
         return channel in self._channels
 
     def schema(self, content: memoryview) -> Schema:
-        """Take in a schema."""
+        """Read and remember a schema."""
         parts = self._counted(content)
         (number,) = parts.numbers(_U16)
         name, encoding = parts.name(), parts.name()
@@ -341,7 +340,7 @@ class Declarations:
         return schema
 
     def channel(self, content: memoryview) -> Channel:
-        """Take in a channel."""
+        """Read and remember a channel."""
         parts = self._counted(content)
         number, schema_id = parts.numbers(_IDS)
         topic, encoding, about = parts.name(), parts.name(), parts.table()
@@ -360,16 +359,15 @@ class Declarations:
 
 
 class RecordFault(ValueError):
-    """What is wrong with a file, as the rest of a sentence about it."""
+    """A fault of a file, as the rest of a sentence about it."""
 
     def __init__(self, why: str, byte: int | None = None) -> None:
         super().__init__(why)
-        # Where the record begins that is wrong; None if only who reads the file knows
-        self.byte = byte
+        self.byte = byte  # beginning of the faulty record; None if unknown here
 
 
 class RecordContent:
-    """The content of one record, taken from its beginning piece by piece."""
+    """The content of a record, read piece by piece."""
 
     def __init__(self, data: bytes | memoryview) -> None:
         self._left = memoryview(data)
@@ -386,7 +384,7 @@ class RecordContent:
         return layout.unpack(self.take(layout.size))
 
     def block(self, length: struct.Struct = _U32) -> memoryview:
-        """The next bytes, which their number precedes."""
+        """The next bytes, after their number."""
         return self.take(self.numbers(length)[0])
 
     def text(self) -> str:
@@ -397,7 +395,7 @@ class RecordContent:
             raise RecordFault("is damaged: a text is not Unicode") from None
 
     def name(self) -> str:
-        """The next text, which can be shown to people."""
+        """The next text, which must be printable."""
         name = self.text()
         if len(name) > MAX_NAME_CHARS or not name.isprintable():
             raise RecordFault(f"is damaged: {name[:20]!r}... is no name")
@@ -406,11 +404,11 @@ class RecordContent:
     def table(self) -> dict[str, str]:
         """The next table of texts."""
         part, entries = RecordContent(self.block()), 0
-        found: dict[str, str] = {}
+        table: dict[str, str] = {}
         while part._left:
             entries += 1
             if entries > MAX_TABLE_ENTRIES:
                 raise RecordFault(f"is damaged: a table of more than {MAX_TABLE_ENTRIES} entries")
             name = part.text()
-            found[name] = part.text()
-        return found
+            table[name] = part.text()
+        return table

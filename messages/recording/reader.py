@@ -1,8 +1,8 @@
-"""Reads a recording: its metadata, and its messages in the order of arrival, checked.
+"""Reads a recording: its metadata, and its checked messages in the order of arrival.
 
-``topics.mcap`` is followed by ``topics.1.mcap`` and so on: a recorder that was killed goes on
-in a further file. What it had not written whole it receives again, and writes into the next
-file: together they have every message once.
+A recorder that was killed continues ``topics.mcap`` in ``topics.1.mcap`` and so on. It receives
+incompletely written messages again, and writes them into the next file, so that together the parts
+have each message once.
 """
 
 from __future__ import annotations
@@ -36,18 +36,18 @@ NOT_PALPATE = "was not written by palpate, or ends before it began"
 
 
 class RecordedMessage(NamedTuple):
-    """One recorded message."""
+    """A recorded message."""
 
     topic: str
-    publisher: str  # Name of the node that sent it; empty if the recording does not say
-    type: str  # Name of its type
+    publisher: str  # name of the sending node; empty if unknown
+    type: str  # name of its type
     run: int
-    epoch: int  # Counts the publisher's starts
-    seq: int  # Counts up by one per topic
-    sent_ns: int  # The publisher's monotonic clock, ns
-    schema: int  # Hash of the type's schema when it was recorded
-    body: bytes  # The message, still encoded
-    outside: bool = False  # Whether a tool had its publisher publish it
+    epoch: int  # number of the publisher's earlier starts
+    seq: int  # counts up by one per topic
+    sent_ns: int  # publisher's monotonic clock [ns]
+    schema: int  # hash of the type's schema when it was recorded
+    body: bytes  # encoded
+    outside: bool = False  # whether a tool requested the message
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -55,20 +55,20 @@ class Recording:
     """A readable recording."""
 
     path: Path
-    version: str  # Version of palpate that wrote it
-    graph: bytes  # Description of the graph that ran; empty if it has none
-    counts: Mapping[str, int]  # Messages by topic
-    types: Mapping[str, tuple[str, int]]  # Topic to its message type and the hash of its schema
-    schemas: Mapping[str, str]  # Message type to its JSON schema, as it was recorded
-    about: Mapping[str, str]  # All that the recording says of itself, text by name
-    closed: bool  # False if the recorder was killed: then the last messages may be missing
+    version: str  # of palpate that wrote it
+    graph: bytes  # description of the graph; empty if it has none
+    counts: Mapping[str, int]  # of messages by topic
+    types: Mapping[str, tuple[str, int]]  # message type and hash of its schema by topic
+    schemas: Mapping[str, str]  # recorded JSON schemas by message type
+    about: Mapping[str, str]  # description of the run, texts by name
+    closed: bool  # False if the recorder was killed: the last messages may be missing
 
     def type_of(self, topic: str, recorded: int | None = None) -> type:
         """Message type of a topic: palpate's own, or made from the schema that was recorded.
 
-        `recorded` is the hash that a message says its schema has; the topic's last if None. Raises
-        ValueError if it was recorded with another version of the type, or the schema is none of a
-        message type; KeyError if there is no such topic.
+        `recorded`: the hash of a message's schema, by default the last one of the topic. Raises
+        ValueError if the type has another version now, or the schema is none of a message type;
+        KeyError if there is no such topic.
         """
         name, last = self.types[topic]
         recorded = last if recorded is None else recorded
@@ -104,10 +104,10 @@ class Recording:
 
 
 def open_recording(path: Path) -> Recording:
-    """Check a recording from end to end, with the parts in which its recorder went on.
+    """Check a recording completely, with all its parts.
 
-    ValueError if it is missing, empty, no MCAP file, cut off, damaged, not written by palpate, or
-    followed or preceded by other bytes.
+    Raises ValueError if it is missing, empty, no MCAP file, cut off, damaged, not written by
+    palpate, or followed or preceded by other bytes.
     """
     about: Mapping[str, str] | None = None
     types: dict[str, tuple[str, int]] = {}
@@ -138,31 +138,27 @@ def open_recording(path: Path) -> Recording:
 
 
 class RecordingEnd(NamedTuple):
-    """Where the records of a recording end."""
+    """The end of the readable records of a recording."""
 
-    part: Path  # The file in which they end
-    byte: int  # So many bytes of it are whole
-    # Why they end there, as the rest of a sentence that begins with the file; empty if the
-    # recording was closed.
-    why: str
+    part: Path  # file in which they end
+    byte: int  # number of undamaged bytes in that file
+    why: str  # the rest of a sentence that begins with the file; empty if it was closed
 
 
 class ReadablePrefix:
-    """The records of a recording up to its first fault, which is kept instead of raised."""
+    """The records of a recording up to its first fault, which is stored and not raised."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        # Where they end, once they have been gone through
-        self.end = RecordingEnd(path, 0, "was not read")
-        # The parts that were closed, of those that have been gone through
-        self.closed: set[Path] = set()
+        self.end = RecordingEnd(path, 0, "was not read")  # known after iteration
+        self.closed: set[Path] = set()  # closed parts of those that have been read
 
     def __iter__(self) -> Iterator[LocatedRecord]:
         try:
-            for found in checked_records(self._path):
-                if isinstance(found.record, Closed):
-                    self.closed.add(found.part)
-                yield found
+            for located in checked_records(self._path):
+                if isinstance(located.record, Closed):
+                    self.closed.add(located.part)
+                yield located
         except DamagedRecording as error:
             self.end = RecordingEnd(error.path, error.byte, error.why)
             return
@@ -172,12 +168,12 @@ class ReadablePrefix:
 
 
 def checked_records(path: Path) -> Iterator[LocatedRecord]:
-    """Records of all parts, as far as they belong to one recording.
+    """Records of all parts of one recording.
 
     Raises DamagedRecording if a part cannot be read any further, was not written by palpate, or
     does not begin where those before it end.
     """
-    ours = False
+    is_palpate = False
     schemas: dict[tuple[Path, int], Schema] = {}
     channels: dict[tuple[Path, int], Channel] = {}
     counts = Counter[str]()
@@ -185,11 +181,11 @@ def checked_records(path: Path) -> Iterator[LocatedRecord]:
         channel = schema = None
         match record:
             case Message(sequence=sequence):
-                if not ours:
+                if not is_palpate:
                     raise DamagedRecording(part, NOT_PALPATE, byte)
                 channel = channels[part, record.channel_id]
                 topic, schema = channel.topic, schemas[part, channel.schema_id]
-                # A part begins where those before it ended, or one of them was damaged since.
+                # A part continues those before it, unless one of them is damaged.
                 if part != path and sequence != counts[topic]:
                     lacks = f"is damaged: it lacks {topic} {counts[topic]}"
                     raise DamagedRecording(part, lacks, byte)
@@ -202,14 +198,14 @@ def checked_records(path: Path) -> Iterator[LocatedRecord]:
                     raise DamagedRecording(part, why, byte)
                 channels[part, record.id] = record
             case Metadata(name=name):
-                ours = ours or name == ABOUT
+                is_palpate = is_palpate or name == ABOUT
         yield LocatedRecord(part, byte, record, channel, schema)
 
 
 def records_of_parts(path: Path) -> Iterator[LocatedRecord]:
-    """Records of all parts; a part that another follows may be cut off.
+    """Records of all parts; parts before the last one may be cut off.
 
-    Raises DamagedRecording as `placed_records` does, of the last part, or of one that was closed.
+    Raises DamagedRecording as `placed_records` does for the last part, or for a closed one.
     """
     parts = parts_of(path)
     for part in parts[:-1]:
@@ -221,12 +217,12 @@ def records_of_parts(path: Path) -> Iterator[LocatedRecord]:
         except ValueError:
             if closed:  # other bytes follow it
                 raise
-            continue  # its recorder was killed: the next part begins where this one ends
+            continue  # its recorder was killed: the next part continues it
     yield from (LocatedRecord(parts[-1], *placed) for placed in placed_records(parts[-1]))
 
 
 def _fault(channel: Channel, has_schema: bool) -> str:
-    """Why the messages of a channel could not be told apart; empty if they can."""
+    """The reason why messages of a channel cannot be identified; empty if they can."""
     about = channel.metadata
     try:
         int(about["run"], 16), int(about["epoch"]), int(about["schema_hash"], 16)
@@ -238,32 +234,32 @@ def _fault(channel: Channel, has_schema: bool) -> str:
 
 
 class LocatedRecord(NamedTuple):
-    """A record, and where it was found."""
+    """A record and its position."""
 
     part: Path
-    byte: int  # Where the record begins in the part, or the chunk that holds it
+    byte: int  # of the beginning of the record, or of its chunk, in the part
     record: McapRecord | Closed
-    channel: Channel | None = None  # Of a message; of a channel, itself
-    schema: Schema | None = None  # Of what either holds
+    channel: Channel | None = None  # of a message, or the record itself
+    schema: Schema | None = None  # of the channel
 
 
 def part_path(path: Path, number: int) -> Path:
-    """File of a part; number 0 is the recording's own."""
+    """File of a part; part 0 is the path of the recording."""
     return path.with_name(f"{path.stem}.{number}{path.suffix}") if number else path
 
 
 def parts_of(path: Path) -> tuple[Path, ...]:
-    """The parts of a recording that are there; its own path if there is none."""
+    """The existing parts of a recording; its own path if there are none."""
     numbered = (part_path(path, number) for number in count())
     return tuple(takewhile(Path.exists, numbered)) or (path,)
 
 
 def counts_of(path: Path) -> dict[str, int]:
-    """Messages of each topic that the parts of a recording hold whole."""
+    """Numbers of complete messages by topic in the parts of a recording."""
     counts: dict[str, int] = {}
     for part in parts_of(path):
         topics: dict[int, str] = {}
-        # What is damaged holds nothing whole from there on.
+        # After a fault there are no complete messages.
         with suppress(ValueError, KeyError):
             for _, record in placed_records(part):
                 if isinstance(record, Channel):
@@ -275,13 +271,13 @@ def counts_of(path: Path) -> dict[str, int]:
 
 
 class RecordingCopy:
-    """A recording that is being copied undecoded, its parts into one new file.
+    """A copy of the undecoded parts of a recording in one new file.
 
     Raises OSError if the file exists or cannot be written.
     """
 
     def __init__(self, path: Path, library: str) -> None:
-        self.counts: Counter[str] = Counter()  # Messages by topic, as far as taken
+        self.counts: Counter[str] = Counter()  # of messages by topic so far
         self._path, self._file = path, AtomicFile(path)
         self._writer = ChunkWriter(self._file)
         try:
@@ -292,13 +288,13 @@ class RecordingCopy:
         self._channels: dict[tuple[Path, int], tuple[str, int]] = {}
         self._registered: dict[object, int] = {}
         self._declared: set[str] = set()
-        self._told: set[object] = set()
+        self._metadata: set[object] = set()
         self._logged = 0
         self._digest = hashlib.sha256()
 
-    def take(self, found: Iterable[LocatedRecord]) -> None:
-        """Write records in their order; how many messages of each topic, is written at the end."""
-        for part, _, record, _, described in found:
+    def take(self, records: Iterable[LocatedRecord]) -> None:
+        """Write records in their order; counts of messages are written at the end."""
+        for part, _, record, _, described in records:
             match record:
                 case Channel(topic=topic, metadata=about):
                     assert described is not None
@@ -315,13 +311,13 @@ class RecordingCopy:
                 case Metadata(name=name) if name == COUNTS:
                     self._declared |= record.metadata.keys()
                 case Metadata(name=name, metadata=about):
-                    told = (name, tuple(sorted(about.items())))
-                    if told not in self._told:  # each part of a recording says the same
-                        self._told.add(told)
+                    metadata = (name, tuple(sorted(about.items())))
+                    if metadata not in self._metadata:  # the same in each part of a recording
+                        self._metadata.add(metadata)
                         self._writer.add_metadata(name, about)
 
     def close(self, name: str, about: Mapping[str, str]) -> None:
-        """Write the counts, what there is to say about the copy, and the index."""
+        """Write the counts, a description of the copy as metadata `name`, and the index."""
         counts = {topic: str(self.counts[topic]) for topic in self._declared | self.counts.keys()}
         self._writer.flush()  # type: ignore[no-untyped-call]
         self._writer.add_metadata(COUNTS, dict(sorted(counts.items())))
@@ -330,13 +326,13 @@ class RecordingCopy:
         self._file.close()
 
     def give_up(self) -> None:
-        """Close the file as it is."""
+        """Close the incomplete file."""
         self._file.close()
 
     def check(self) -> None:
-        """Read the closed copy again, by our own reader and by that of the MCAP project.
+        """Read the closed copy with our own reader and that of the MCAP project.
 
-        Raises ValueError if one of them does not find exactly the messages that were taken.
+        Raises ValueError unless both read exactly the messages that were written.
         """
         ours, theirs = hashlib.sha256(), hashlib.sha256()
         recording = open_recording(self._path)
@@ -351,13 +347,13 @@ class RecordingCopy:
                 counts[channel.topic] += 1
                 sequence, sent = message.sequence, message.publish_time
                 _add(theirs, channel.topic, sequence, sent, message.data)
-        same = ours.digest() == theirs.digest() == self._digest.digest()
-        if not (same and recording.closed and recording.counts == counts == self.counts):
+        is_same = ours.digest() == theirs.digest() == self._digest.digest()
+        if not (is_same and recording.closed and recording.counts == counts == self.counts):
             raise ValueError(f"recording {self._path} does not hold what was written to it")
 
     def _message(self, message: Message, topic: str, channel_id: int) -> None:
         sent, sequence = message.publish_time, message.sequence
-        self._logged = max(self._logged, message.log_time)  # as if one recorder had written all
+        self._logged = max(self._logged, message.log_time)  # as of a single recorder
         self._writer.add_message(channel_id, self._logged, message.data, sent, sequence)
         self.counts[topic] += 1
         _add(self._digest, topic, sequence, sent, message.data)

@@ -1,9 +1,8 @@
-"""Writes what a recorder receives into an MCAP file, undecoded.
+"""Writes messages into an MCAP file, undecoded.
 
-Messages are kept in chunks that are compressed and checked by themselves. A chunk is ended
-after 20 ms of traffic at the latest, so that a recorder that is killed loses no more than that.
-Every write is there whole or not at all: a disk that is full in the middle of one, and has room
-again later, would leave a hole that no reader can cross.
+Messages are in chunks, each of which is compressed and has a checksum. A chunk has at most 20 ms of
+traffic, so that a recorder that is killed loses no more. Each write is complete or undone: a
+partial write on a full disk would leave a hole that no reader can cross.
 """
 
 from __future__ import annotations
@@ -29,26 +28,27 @@ from palpate.messages.recording.mcap_reading import (
 )
 from palpate.messages.types import TYPES
 
-CHUNK_BYTES = 1 << 16
-FLUSH_NS = 20_000_000  # Longest traffic that is held in memory, ns
-PROFILE = "palpate"  # What the file's header says that it holds
-ABOUT = "palpate"  # Name of the metadata record that opens a recording: version and graph
-OUTSIDE = "outside"  # In the metadata of a channel of messages that tools had published
-COUNTS = "counts"  # Name of a metadata record that closes it: messages by topic
-MISSING = "missing"  # Name of the other: messages that were sent and never came, by topic
+PROFILE = "palpate"  # in the header of the file
+# Names of metadata records: version and graph at the beginning, then at the end the numbers of
+# messages and of missing messages by topic.
+ABOUT = "palpate"
+COUNTS = "counts"
+MISSING = "missing"
+OUTSIDE = "outside"  # in the metadata of a channel with messages that tools requested
 
 
 class ChunkWriter(Writer):
-    """Writes a recording's records: packed by lz4, with checksums of each chunk and of all.
+    """Writes the records of a recording, packed by lz4, with checksums of each chunk and of all.
 
-    A message that lz4 packs more densely than a reader believes is stored as it is, in a chunk of
-    its own.
+    A message that lz4 packs more densely than a reader accepts is stored unpacked, in its own
+    chunk. Other chunks have at least `chunk_size` [bytes].
     """
 
-    def __init__(self, file: AtomicFile) -> None:
+    def __init__(self, file: AtomicFile, chunk_size: int = 1 << 16) -> None:
+        self._min_chunk_size = chunk_size
         super().__init__(
             cast(IO[bytes], file),
-            chunk_size=CHUNK_BYTES,
+            chunk_size=chunk_size,
             compression=CompressionType.LZ4,
             enable_data_crcs=True,
         )
@@ -56,53 +56,51 @@ class ChunkWriter(Writer):
     def add_message(
         self, channel_id: int, log_time: int, data: bytes, publish_time: int, sequence: int = 0
     ) -> None:
-        """Write a message; ValueError if it is larger than any may be."""
+        """Write a message; ValueError if it exceeds `MAX_MESSAGE_BYTES`."""
         if len(data) > MAX_MESSAGE_BYTES:
             raise ValueError(
                 f"a message of {len(data)} bytes cannot be recorded; at most {MAX_MESSAGE_BYTES} "
                 "are allowed"
             )
         message = channel_id, log_time, data, publish_time, sequence
-        if _is_readable_packed(data):
+        if _is_readable_packed(data, self._min_chunk_size):
             super().add_message(*message)
             return
         self.flush()  # type: ignore[no-untyped-call]
         # The library has no other way to choose the packing of one chunk.
         vars(self)["_Writer__compression"] = CompressionType.NONE
         try:
-            super().add_message(*message)  # ends its chunk, being larger than `CHUNK_BYTES`
+            super().add_message(*message)  # ends its chunk, since it is larger than `chunk_size`
         finally:
             vars(self)["_Writer__compression"] = CompressionType.LZ4
 
 
-def _is_readable_packed(data: bytes) -> bool:
-    """Whether a reader takes the chunk of a message, packed, for whole and not for a bomb."""
-    before = CHUNK_BYTES + MAX_DECLARED_BYTES  # What may stand in the chunk with it
+def _is_readable_packed(data: bytes, chunk_size: int) -> bool:
+    """Whether a reader accepts the packed chunk of a message."""
+    before = chunk_size + MAX_DECLARED_BYTES  # of other records in the chunk
     if len(data) + before <= SMALL_CHUNK_BYTES:
         return True
     return len(data) + before <= max_chunk_bytes(len(lz4.frame.compress(data)))
 
 
 class RecordingWriter:
-    """A recording under way.
+    """A recording that is being written.
 
-    A message's log time is the time at which it was sent, or that of the message before it if
-    that is later: it orders the file by arrival, and needs no clock of its own.
+    The log time of a message is its send time, or the log time of the message before it if that is
+    later: it increases in the order of arrival. A chunk has at most `flush_ns` of traffic.
 
     Raises ValueError if a type is unknown; OSError if the file exists or cannot be written.
     """
 
     def __init__(
         self,
-        path: Path,  # The file; it must not exist
-        types: Mapping[str, str],  # Topic to the name of its message type
-        publishers: Mapping[str, str],  # Topic to the node that publishes it, as far as known
-        # What the recording says of itself, text by name: ``version``, ``graph`` and others
-        about: Mapping[str, str],
-        # Bytes that are left free on the disk: before there are fewer, the recording is closed
-        spare: int = 0,
-        # Name of each message type that palpate does not have, to its JSON schema
-        schemas: Mapping[str, str] | None = None,
+        path: Path,  # of the file, which must not exist
+        types: Mapping[str, str],  # names of message types by topic
+        publishers: Mapping[str, str],  # known publishers by topic
+        about: Mapping[str, str],  # description of the run: ``version``, ``graph`` and others
+        spare: int = 0,  # that stay free on the disk, before the recording is closed [bytes]
+        schemas: Mapping[str, str] | None = None,  # JSON schemas of types that are not palpate's
+        flush_ns: int = 20_000_000,
     ) -> None:
         self._texts = dict(schemas or {})
         known = TYPES.keys() | self._texts.keys()
@@ -110,7 +108,7 @@ class RecordingWriter:
         if unknown:
             raise ValueError(f"no message type to record {unknown[0]}; known are {sorted(known)}")
         self._path, self._types, self._publishers = path, types, publishers
-        self._spare = spare
+        self._spare, self._flush_ns = spare, flush_ns
         self._file = AtomicFile(path)
         self._writer: ChunkWriter | None = ChunkWriter(self._file)
         self._schemas: dict[str, int] = {}
@@ -122,7 +120,7 @@ class RecordingWriter:
             self._writer.add_metadata(ABOUT, dict(about))
 
     def write(self, topic: str, header: Header, body: bytes) -> None:
-        """Keep one message.
+        """Write a message.
 
         Raises ValueError if the topic was not declared, or the recording is closed; OSError if it
         cannot be written; what was written before stays readable, and nothing more is written.
@@ -133,16 +131,16 @@ class RecordingWriter:
         with self._stopping():
             writer.add_message(channel, self._logged, body, header.sent_ns, header.seq)
             self._counts[topic] += 1
-            if self._logged - self._flushed >= FLUSH_NS:
+            if self._logged - self._flushed >= self._flush_ns:
                 self._flush(writer)
 
     def flush(self) -> None:
-        """Write what is held. Raises OSError as `write` does."""
+        """Write the current chunk. Raises OSError as `write` does."""
         with self._stopping():
             self._flush(self._open_writer())
 
     def close(self, missing: Mapping[str, int] | None = None) -> None:
-        """Write what is held, the counts, those that never came, and the index; but once.
+        """Write the current chunk, the counts of messages and missing messages, and the index.
 
         Raises OSError if it cannot be written; what was written before stays readable.
         """
@@ -175,7 +173,7 @@ class RecordingWriter:
         return self._writer
 
     def _channel(self, writer: ChunkWriter, topic: str, header: Header) -> int:
-        """Channel of a topic; another one after a restart of its publisher, or from outside."""
+        """Channel of a topic; it changes with restarts of its publisher and for tools."""
         key = (topic, header.run, header.epoch, header.schema, header.outside)
         if key not in self._channels:
             if topic not in self._types:
@@ -203,7 +201,7 @@ class RecordingWriter:
 
     @contextmanager
     def _stopping(self) -> Iterator[None]:
-        """Close the file if it cannot be written, and say so."""
+        """Close the file if it cannot be written, and raise OSError."""
         try:
             yield
         except OSError as error:
@@ -216,9 +214,9 @@ class RecordingWriter:
 
 
 class AtomicFile:
-    """A new file, without a buffer of its own.
+    """A new file without a buffer, in which each write is complete or undone.
 
-    FileExistsError if there is one: recordings are not overwritten; OSError if it cannot be made.
+    Raises FileExistsError if the file exists; OSError if it cannot be made.
     """
 
     def __init__(self, path: Path) -> None:
@@ -250,7 +248,7 @@ class AtomicFile:
         return self._end
 
     def flush(self) -> None:
-        """Nothing is held back."""
+        """Do nothing: there is no buffer."""
 
     def close(self) -> None:
         """Close the file."""
@@ -258,6 +256,6 @@ class AtomicFile:
 
 
 def free_bytes(folder: Path) -> int:
-    """Bytes that are free for this user where a folder lies."""
-    found = os.statvfs(folder)
-    return found.f_bavail * found.f_frsize
+    """Free space for this user on the disk of a folder [bytes]."""
+    disk = os.statvfs(folder)
+    return disk.f_bavail * disk.f_frsize

@@ -17,16 +17,16 @@ class NodeStatus:
     """A node's counters. On ``/node/status``."""
 
     node: str  # Name of the node
-    # What the node is doing; rebuilding after it was started again
+    # Activity of the node; rebuilding after a restart
     state: Literal["starting", "rebuilding", "running", "ending"]
     messages: Count  # Messages handled so far
     sent: Count  # Messages published so far
-    gaps: Count  # Messages that are missing
-    duplicates: Count  # Messages that came twice and were dropped
+    gaps: Count  # Number of missing messages
+    duplicates: Count  # Number of repeated messages, which are dropped
     p50: Annotated[float, Unit("us")]  # Median time of a handler
     p99: Annotated[float, Unit("us")]  # 99 % quantile of the time of a handler
     cpu: Seconds  # Processor time used
-    # Of that, by step of its work; the rest is starting, receiving and sending
+    # Processor time by step of its work; the rest is starting, receiving and sending
     steps: dict[str, float] = field(default_factory=dict)
 
 
@@ -36,8 +36,8 @@ class LogRecord:
     """One line for the log. On ``/log``."""
 
     node: str  # Name of the node
-    level: Literal["debug", "info", "warning", "error"]  # How much it matters
-    text: str  # What happened, in one sentence
+    level: Literal["debug", "info", "warning", "error"]  # Severity
+    text: str  # The event, in one sentence
     robot_time: Seconds  # Robot time at which it happened; 0 if none
 
 
@@ -47,9 +47,9 @@ class ParameterEvent:
     """A parameter was set while the node ran. On ``/filter/parameter_events`` and the like."""
 
     param: str  # Name of the parameter
-    value: str  # What it was set to, in JSON
-    topic: str  # The input, as the node calls it, between two of whose messages that was done
-    after: Count  # Messages of this input that the node had handled by then
+    value: str  # New value, in JSON
+    topic: str  # Node's name of the input between two of whose messages it was set
+    after: Count  # Number of messages of this input that the node had handled before
 
 
 @readable
@@ -70,10 +70,10 @@ TYPES: dict[str, type] = dict(
         if cls is not touch.TouchHeader  # by itself on no topic
     )
 )
-# Latched types whose every message counts
+# Latched types of which all messages are needed
 ALL_KEPT = frozenset({motion.Contour, motion.Probe, ParameterEvent})
-# Types of latched topics: whoever comes late needs what was published before; of those
-# that are not in `ALL_KEPT`, the last message
+# Types of latched topics, whose earlier messages late subscribers need; of types that are not in
+# `ALL_KEPT`, only the last message
 LATCHED = ALL_KEPT | {
     model.ShapeModel,
     model.Superquadric,

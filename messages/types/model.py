@@ -43,17 +43,17 @@ class ModelGoal:
     number: Count  # Counts up by one
     contours: Ids  # Contours in the order in which the planner took them
     probes: Ids  # Probes in the order in which the planner took them
-    # Contours that were not finished: what their touches met counts, their curves do not
+    # Unfinished contours: the contacts of their touches are used, their curves are not
     arcs: Ids = ()
     # Whether one of these could not be traced, for another reason than a spent budget
     failed: bool = False
-    missed: Ids = ()  # Probes that met nothing: what they swept is free
-    # Whether the last model was a general solid: then slices make no solid beside it any more
+    missed: Ids = ()  # Probes without contact: the space that they swept is free
+    # Whether the last model was a general solid: then no solid of slices is made any more
     general: bool = False
-    # Closings of the hand that there were; without contours and probes, the coarse model is fitted
-    # to their contacts
+    # Number of closings of the hand; without contours and probes the coarse model is fitted to
+    # their contacts
     closings: Count
-    # Whether it is the last, with all that belongs to a final model: its PlanDone comes after it
+    # Whether it is the final model: its PlanDone comes after it
     final: bool = False
     touches: Count  # Touches spent so far, failed contours included
     robot_time: Seconds  # Robot time spent so far
@@ -71,16 +71,15 @@ class PlanEstimate:
     contours: Count  # Contours used
     touches: Count  # Touches spent, failed contours included
     robot_time: Seconds  # Robot time spent
-    # The root mean square error of the solid is below this in 95 of 100 runs; null where nobody can
-    # tell
+    # The root mean square error of the solid is below this in 95 of 100 runs; null if unknown
     rms_bound_95: Metres | None
-    # Height of the largest stretch of the side that nothing has touched
+    # Height of the largest untouched stretch of the side
     largest_untouched: Metres
     # Touches after which the error is expected to be half as large; null if no slice brings that
     halving_touches: Annotated[float, Unit("#")] | None
-    halving_seconds: Seconds | None  # Robot time that they are expected to take
-    open_share: Ratio | None = None  # Share of the surface that lies far from every touch
-    open_width: Metres | None = None  # Width of the largest opening in what was touched
+    halving_seconds: Seconds | None  # Expected robot time of these touches
+    open_share: Ratio | None = None  # Share of the surface that is far from all touches
+    open_width: Metres | None = None  # Width of the largest untouched opening
 
 
 @readable
@@ -96,34 +95,34 @@ class PlanDone:
     failed: bool = False
     missed: Ids = ()  # Probes that met nothing: what they swept is free
     general: bool = False  # Whether the last model was a general solid
-    closings: Count = 0  # Closings of the hand that there were
+    closings: Count = 0  # Number of closings of the hand
     touches: Count  # Touches spent, failed contours included
     robot_time: Seconds  # Robot time spent
-    reason: str  # Why it is over
-    # Whether every limit is kept, as far as can be told; null where nothing was asked
+    reason: str  # Reason for the end
+    # Whether all limits are met, as far as known; null without limits
     reached: bool | None
     # The root mean square error of the solid is below this in 95 of 100 runs; null where nobody can
     # tell
     rms_bound_95: Metres | None
-    # Width of the largest untouched gap: of the side's height, or of a general solid; null where
-    # nobody looked
+    # Width of the largest untouched gap: in the side's height, or of a general solid; null if
+    # unknown
     largest_untouched: Metres | None
-    uncovered: Metres  # Height of stretches of the side that no touch could reach
-    # What is known of the solid, by the names of `palpate.planning.Findings`; m and shares
+    uncovered: Metres  # Height of stretches of the side that touches cannot reach
+    # Findings about the solid, by the names of `palpate.planning.Findings`; m and shares
     findings: dict[str, float] = field(default_factory=dict)
-    # What was asked, by the names of `palpate.planning.Limits`; m and shares
+    # Limits on the solid, by the names of `palpate.planning.Limits`; m and shares
     limits: dict[str, float] = field(default_factory=dict)
-    # Share of the surface that is unknown, for it lies farther than half a feature from every
-    # touch, the underside apart; null where nobody looked
+    # Share of the surface that is unknown: farther than half a feature from all touches, without
+    # the underside; null if not measured
     open_share: Ratio | None = None
     open_width: Metres | None = None  # Width of the largest opening in what was touched
     # Middles of the largest openings, if there are any, the largest first
     open_places: Points = field(default_factory=lambda: np.zeros((0, 3)))
     # Outward unit normals of the solid there: a touch comes from where they point
     open_normals: Directions = field(default_factory=lambda: np.zeros((0, 3)))
-    # Touches that it would take, if all of it could be reached
+    # Touches that the unknown surface would need, if all of it could be reached
     open_touches: Annotated[float, Unit("#")] | None = None
-    under_share: Ratio | None = None  # Share of the surface on which the object stands
+    under_share: Ratio | None = None  # Share of the underside in the surface
 
 
 @readable
@@ -139,7 +138,7 @@ class Superquadric:
     taper: Annotated[Floats, Array("<f8", (2,), "1")]  # Taper along x and y
     bend: PerMetre  # Curvature of the bent axis
     bend_direction: Radians  # Azimuth towards which both ends are bent, its own frame
-    warnings: tuple[str, ...]  # Why not to believe the fit; none if there is no reason
+    warnings: tuple[str, ...]  # Reasons to doubt the fit
     residual: Metres  # Root mean square distance of the contacts
     residuals: Lengths  # Distance of each contact, in the order of the closings; negative inside
     rank: Count  # Rank of the fit's Jacobian
@@ -156,70 +155,70 @@ class ShapeModel:
     procedure found, whose own model has a topic of its own.
     """
 
-    MAX_BYTES = MAX_MESSAGE_BYTES  # All that was touched is kept in it: 9,500 touches are 80 MB
+    MAX_BYTES = MAX_MESSAGE_BYTES  # It has all contacts: 9,500 touches are 80 MB
 
-    number: Count  # Number of the goal that asked for it
-    method: Literal["lattice", "general", "thesis", "procedure"] = "lattice"  # What it is
-    # By method, root mean square distance at which touches were predicted before they were used,
-    # m; none where there was nothing to predict, or nothing to predict it by
+    number: Count  # Number of its goal
+    method: Literal["lattice", "general", "thesis", "procedure"] = "lattice"  # Kind of solid
+    # By method, root mean square error of the prediction of touches before they were used, m; empty
+    # if no touch was predicted
     predicted: dict[str, float] = field(default_factory=dict)
     contours: Ids  # Contours used
     probes: Ids  # Probes used
-    dropped: Ids  # Contours asked for but not used
+    dropped: Ids  # Requested contours that were not used
     dropped_reasons: tuple[str, ...]  # One reason for each dropped contour
     # Control points of the final model's lattice, (columns, rows, layers, 3), world frame; none of
     # models on the way, nor of a general solid
     control: ControlPoints = field(default_factory=lambda: np.zeros((0, 0, 0, 3)))
-    # Where they were before, around an upright prism
+    # Control points before the deformation, around an upright prism
     undeformed: ControlPoints = field(default_factory=lambda: np.zeros((0, 0, 0, 3)))
     # Knots of the cubic splines along the columns
     knots_columns: Numbers = field(default_factory=lambda: np.zeros(0))
     knots_rows: Numbers = field(default_factory=lambda: np.zeros(0))  # Along the rows
     knots_layers: Numbers = field(default_factory=lambda: np.zeros(0))  # Along the layers
-    # Vertices of the closed surface, world frame; none if nothing could be rebuilt
+    # Vertices of the closed surface, world frame; empty if no solid could be rebuilt
     vertices: Points = field(default_factory=lambda: np.zeros((0, 3)))
     # Triangles, counter-clockwise seen from outside
     faces: Triangles = field(default_factory=lambda: np.zeros((0, 3), np.int32))
-    # Of the final model's mesh: whether every edge has exactly two faces, how many holes go through
-    # it, and how many pairs of triangles cross; null of models on the way, for nobody looked
+    # Of the final mesh: whether all edges have exactly two faces, the number of holes through it,
+    # and the number of crossing pairs of triangles; null of earlier models, which are not checked
     closed: bool | None = None
     genus: Count | None = None
     self_crossings: Count | None = None
-    # Error that is expected at each vertex of a general solid, of touches that were left out, by
-    # their distance from the others; 0 where slices tell of theirs by height
+    # Expected error at each vertex of a general solid, from touches that were left out, by their
+    # distance from other touches; 0 of a solid in slices, whose error is stated by height
     vertex_errors: Lengths = field(default_factory=lambda: np.zeros(0))
     vertex_bounds: Lengths = field(default_factory=lambda: np.zeros(0))  # Its bound of 95 %
     # Distance of each vertex from the nearest touched point
     vertex_distances: Lengths = field(default_factory=lambda: np.zeros(0))
-    # Root mean square error over all of a general solid of what it lacks, as touches far off it
-    # tell, and of touches that are misplaced if it lay otherwise since it was turned over
+    # Root mean square error over a general solid of missing parts, shown by touches far from it,
+    # and of misplaced touches if its pose after a turn is wrong
     missing: Metres = 0.0
-    # Pose (n, 7) of the object in the world after each time that it was turned over, as far as they
-    # are known; the solid is given where it lay at first
+    # Known poses (n, 7) of the object in the world after each turn; the solid is given at its first
+    # pose
     placements: Poses = field(default_factory=lambda: np.zeros((0, 7)))
-    # How far each of these may be off along the normals of what was touched, root mean square
+    # Root mean square error of each of these poses along the normals at contacts
     placement_errors: Lengths = field(default_factory=lambda: np.zeros(0))
-    # What is wrong with placements, a sentence each; none if nothing is
+    # Faults of placements, a sentence each
     placement_faults: tuple[str, ...] = ()
-    # Places in the solid at which a pad touched nothing but what is beside them: it is hollow there
+    # Hollow places of the solid, which a pad spanned without contact
     openings: Points = field(default_factory=lambda: np.zeros((0, 3)))
     frame: Pose  # Slicing frame in the world, along whose z axis heights count
-    # Standard deviation of the surface, root mean square over all of it, ends included; null where
-    # its method tells of none
+    # Standard deviation of the surface, root mean square with the ends; null if its method states
+    # none
     deviation: Metres | None = None
-    ends_deviation: Metres = 0.0  # Of it, the part that the ends make
+    ends_deviation: Metres = 0.0  # Part of the deviation due to the ends
     # Heights at which `uncertainty` is given
     uncertainty_height: Lengths = field(default_factory=lambda: np.zeros(0))
     # Standard deviation of the surface at each such height
     uncertainty: Lengths = field(default_factory=lambda: np.zeros(0))
-    # Solids that were fitted and not sent, for what contradicted each; this one stands in for them
+    # Reasons against solids that were fitted and rejected; this model replaces them
     rejected: tuple[str, ...] = ()
-    # Figures of the fit: residuals, condition, share of folds, fallbacks taken
+    # Figures of the fit: residuals, condition, share of folds, used fallbacks
     health: dict[str, float] = field(default_factory=dict)
-    touches: Count  # Touches spent when the model was asked for
-    robot_time: Seconds  # Robot time spent when the model was asked for
-    final: bool  # True for the model that the exploration ends with
-    # The solid with everything that belongs to it, packed; nothing if it is not sent along
+    touches: Count  # Touches spent when the model was requested
+    robot_time: Seconds  # Robot time spent when the model was requested
+    final: bool  # Whether it is the last model of the exploration
+    # The packed solid with all its data; empty if it is not sent
     archive: PackedBytes = field(default_factory=lambda: np.zeros(0, np.uint8))
 
 
@@ -246,8 +245,8 @@ class Score:
     sampling_floor: Metres
     size: Metres  # True height of the object
     watertight: bool  # True if every edge has exactly two faces
-    genus: Count  # Number of handles; -1 for a surface that is not closed and has none to count
+    genus: Count  # Number of handles; -1 for a surface that is not closed
     true_genus: Count = -1  # The same of the truth
-    # Root mean square distance of what lies over 1 mm above the platform: what a finger may touch
+    # Root mean square distance of the surface over 1 mm above the platform, which fingers can touch
     exposed_rms: Metres
     final: bool  # True for the score of the final model

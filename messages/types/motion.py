@@ -25,11 +25,11 @@ from palpate.messages.fields import (
 from palpate.messages.types.touch import FrameFault, Outcome
 from palpate.reprs import readable
 
-# How tracing ended: the loop is whole; it has gaps, or the pad is held off all of it; the object
-# ends below the slice; no way on; wound round too far without closing; the allowance of touches is
-# spent; nothing touched
+# How tracing ended: the loop is closed; it has gaps, or the pad cannot reach any of it; the object
+# ends below the slice; the trace is stuck; it wound around too far without closing; the budget of
+# touches is spent; there was no contact
 ContourStatus = Literal["closed", "occluded", "pole", "stuck", "overrun", "budget", "no_contact"]
-# The pad touched beside a stretch, or over it, but not in it; or it touched nothing there
+# The pad bridged a stretch without contact in it, or missed the surface there
 GapReason = Literal["bridged", "missed"]
 
 
@@ -39,7 +39,7 @@ class ContourGoal:
     """A slice to trace. Planner to tracer on ``/contour/goal``."""
 
     id: Count  # Number of the goal; contours and probes share one series
-    finger: Count  # The finger that shall trace it
+    finger: Count  # The finger that is to trace it
     frame: Pose  # Slicing frame in the world; the slice is normal to its z axis
     height: Metres  # Height of the slice along the frame's z axis
     centre: PlanarPoint  # Where the object's axis is expected to meet the slice, slicing frame
@@ -47,11 +47,11 @@ class ContourGoal:
     # Stretch of the contour that may stay untouched between two touches
     gap: Metres = 0.0
     not_before: Seconds  # Robot time of the decision
-    # Touches that it may take; null: as many as it takes
+    # Maximum number of touches; null: no limit
     most_touches: Count | None = None
-    # Robot time by which the last of them must have ended; null: any
+    # Robot time at which the last touch must have ended; null: no limit
     not_after: Seconds | None = None
-    reason: str = ""  # Why there, in words
+    reason: str = ""  # Reason for this height, in words
 
 
 @readable
@@ -63,20 +63,20 @@ class Contour:
     finger: Count  # The finger that traced it
     frame: Pose  # Slicing frame in the world
     height: Metres  # Height of the slice along the frame's z axis
-    # Points in the order touched, world frame, counter-clockwise about the frame's z axis
+    # Contact points in their order, world frame, counter-clockwise about the frame's z axis
     points: Points
     normals: Directions  # Outward unit normals at the points
     # Normal curvature across the contour at the points; convex is positive; 0 at edges
     curvature: Curvatures
-    # Lowest height along the frame's z axis that was touched below each point, without a break
+    # Lowest height along the frame's z axis of the continuous contact below each point
     contact_low: Lengths
-    contact_high: Lengths  # Highest height that was touched above it
+    contact_high: Lengths  # Highest height of the continuous contact above it
     status: ContourStatus  # How tracing ended
     gap_starts: Points  # Last points before the stretches that could not be touched, world frame
     gap_ends: Points  # First points after them
-    gap_reasons: tuple[GapReason, ...]  # What the pad met there
+    gap_reasons: tuple[GapReason, ...]  # Reasons for the gaps
     touches: Count  # Touches made
-    fault: FrameFault = "none"  # Of the sensor, if it ended the contour
+    fault: FrameFault = "none"  # Fault of the sensor, if it ended the contour
     robot_time: Seconds  # Robot time of the last touch
 
 
@@ -86,13 +86,13 @@ class ProbeGoal:
     """A single touch off the contours: a pole, a cap. Planner to tracer on ``/probe/goal``."""
 
     id: Count  # Number of the goal; contours and probes share one series
-    finger: Count  # The finger that shall touch
-    # How often the object has been turned over before it; the pose is in the world as it is then
+    finger: Count  # The finger that is to touch
+    # Number of turns of the object before it; the pose is in the world at that time
     placement: Count = 0
     pose: Pose  # Start pose of the pad
-    reach: Metres  # Longest way along the pad's z axis
+    reach: Metres  # Longest path along the pad's z axis
     not_before: Seconds  # Robot time of the decision
-    # Robot time by which it must have ended; null: any
+    # Robot time at which it must have ended; null: no limit
     not_after: Seconds | None = None
 
 
@@ -112,7 +112,8 @@ class Probe:
     # Outward normal at the middle of the contact, or the pad's own if it could not be touched
     normal: Direction
     touches: Count  # Touches made; 0 if it could not have ended in time
-    fault: FrameFault = "none"  # Of the sensor: then nobody knows what it touched, and it is a miss
+    # Fault of the sensor: then the contact is unknown, and the touch counts as a miss
+    fault: FrameFault = "none"
     robot_time: Seconds  # Robot time of the last touch
 
 
@@ -123,10 +124,10 @@ class TouchGoal:
 
     goal: Count  # Number of the contour or probe that the touch belongs to
     touch: Count  # Counts up by one within the goal
-    finger: Count  # The finger that shall move
+    finger: Count  # The finger that is to move
     placement: Count = 0  # How often the object has been turned over before it
     pose: Pose  # Start pose of the pad: it moves along its z axis
-    reach: Metres  # Longest way to first contact
+    reach: Metres  # Longest path to first contact
     depth: Metres  # Press until the deepest compression is this
     direction: Direction  # Direction across the contour, world frame
     not_before: Seconds  # Robot time before which the move must not start
@@ -151,8 +152,8 @@ class GraspGoal:
     pose: Pose  # Pose of the hand: its fingers close about its z axis, its palm moves along it
     fingers: Count  # Fingers beside the palm
     opening: Metres  # Distance of the fingertips and of the palm from the middle of the open hand
-    reach: Metres  # Longest way of a finger
-    # How far each finger, the palm last, is brought in before it closes slowly; none: not at all
+    reach: Metres  # Longest path of a finger
+    # Fast advance of each finger, the palm last, before it closes slowly; empty: none
     advanced: Lengths = field(default_factory=lambda: np.zeros(0))
     not_before: Seconds  # Robot time of the decision
 
@@ -167,9 +168,9 @@ class GraspContacts:
     points: Points  # Contact points, world frame
     normals: Directions  # Outward unit normals at the contacts
     fingers: FingerNumbers  # The finger of each contact, from 0; the palm is the last
-    missed: Count  # Fingers that closed on nothing, or on what they could not tell
-    blocked: Count  # Fingers that did not close, for the platform or the object was in their way
-    # What the hand's way was made of: the approach is that of the finger that went farthest
+    missed: Count  # Fingers that closed without a usable contact
+    blocked: Count  # Fingers that did not close, because the platform or the object blocked them
+    # Parts of the hand's move: the approach is the longest one of its fingers
     move: MoveParts
     robot_time: Seconds  # Robot time when the hand had opened again
 
@@ -179,8 +180,10 @@ class GraspContacts:
 class TurnGoal:
     """The object shall be set down on another side. Planner to simulator on ``/hand/turn``."""
 
-    placement: Count  # How often it has been turned over then, from 1
-    # Pose of the object in the world that is asked for: its own frame is the world at first
+    placement: Count  # Number of this turn, from 1
+    # Requested pose of the object in the world; the object's own frame is that of the world at
+    # first
+
     pose: Pose
     not_before: Seconds  # Robot time of the decision
 
@@ -190,6 +193,6 @@ class TurnGoal:
 class Turned:
     """The object was set down on another side: nobody knows exactly how. On ``/hand/turned``."""
 
-    placement: Count  # How often it has been turned over now
-    move: MoveParts  # What the hand's way was made of
+    placement: Count  # Number of turns so far
+    move: MoveParts  # Parts of the hand's move
     robot_time: Seconds  # Robot time when the hand had opened again

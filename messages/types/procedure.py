@@ -36,10 +36,10 @@ class ProcedureResult:
     """A procedure is over. Latched on ``/procedure/result``."""
 
     procedure: str  # Its name
-    # ``unsuited``: the object is not of the kind that it can recover; ``incomplete``: what it
-    # needs could not be touched. Neither has a model
+    # ``unsuited``: the procedure cannot recover this kind of object; ``incomplete``: it could not
+    # make the touches that it needs. Neither has a model
     status: Literal["done", "unsuited", "incomplete"]
-    reason: str  # Why it is over, in a sentence
+    reason: str  # Reason for the end, in a sentence
     figures: dict[str, float] = field(default_factory=dict)  # With the unit in the name
     touches: Count  # Touches of all fingers
     contacts: Count  # Contacts of the hand
@@ -51,7 +51,7 @@ class ProcedureResult:
 class BoundaryRepresentation:
     """A polyhedron as winged edges (Baumgart). Latched on ``/model/boundary``."""
 
-    vertices: Points  # Where its edges meet, world frame
+    vertices: Points  # Corners where its edges meet, world frame
     edge_vertices: Pairs  # First and last vertex of each edge
     edge_faces: Pairs  # Face on the left of each edge, and on its right
     edge_before: Pairs  # Edge before it around the left face, and around the right one
@@ -60,7 +60,7 @@ class BoundaryRepresentation:
     face_corners: Counts  # Vertices of all faces, counter-clockwise seen from outside
     face_normals: Directions  # Outward unit normals
     face_offsets: Lengths  # Distance of each face's plane from the origin, along its normal
-    face_touches: Counts  # Touches on each face; 0 of the one on which it stands
+    face_touches: Counts  # Touches on each face; 0 of the face on which it stands
     residual: Metres  # Root mean square distance of the touched points from their planes
 
 
@@ -93,8 +93,8 @@ class ConePose:
     apex: Vector  # Where all meridians meet, the origin of the cone
     apex_covariance: Covariance
     half_angles: Numbers  # Of the touched meridians to the axis, rad
-    features: tuple[str, ...]  # What was touched, as F_T, E_m, P
-    interpretations: tuple[str, ...]  # How that can be read, the most likely first
+    features: tuple[str, ...]  # Touched features, as F_T, E_m, P
+    interpretations: tuple[str, ...]  # Interpretations of the features, the most likely first
     residual_sigma: Ratio  # Residual of all features, over its standard deviation
 
 
@@ -103,10 +103,10 @@ class ConePose:
 class Openings:
     """Holes and cavities of an object. Latched on ``/model/openings``."""
 
-    # ``hole``: through the object; ``cavity``: with a bottom that was touched; ``open``: whose end
-    # no finger has reached
+    # ``hole``: through the object; ``cavity``: with a touched bottom; ``open``: with an end that no
+    # finger has reached
     kinds: tuple[Literal["hole", "cavity", "open"], ...]
     places: Points  # Middle of each opening's mouth, world frame
     axes: Directions  # Outward unit normals of the mouths
     widths: Lengths  # Diameter of a circle with the mouth's area
-    depths: Lengths  # From the mouth to the deepest place that is known to be free
+    depths: Lengths  # Distance from the mouth to the deepest known free place

@@ -27,8 +27,8 @@ from palpate.messages.fields import (
 )
 from palpate.reprs import readable
 
-# ``hit``: pressed to the asked depth. ``miss``: nothing within reach. ``inside``: the start pose
-# lay inside the object. ``bottomed``: the pad saturated before the asked depth
+# ``hit``: pressed to the requested depth. ``miss``: no contact within reach. ``inside``: the start
+# pose is inside the object. ``bottomed``: the pad saturated before the requested depth
 Outcome = Literal["hit", "miss", "inside", "bottomed"]
 
 
@@ -37,11 +37,11 @@ def no_move() -> Floats:
     return np.array([0.0, 0.0, 0.0, 0.0, -1.0])
 
 
-# What the touched surface is: smooth enough for curvatures, an edge, a corner, too few taxels to
-# say, nothing touched, or a frame that no surface can have made
+# Kind of the touched surface: smooth enough for curvatures, an edge, a corner, too few taxels, no
+# contact, or an invalid frame that no surface can make
 SurfaceKind = Literal["smooth", "edge", "corner", "insufficient", "miss", "invalid"]
-# What is wrong with a frame as a whole: nothing; pressed, and nothing read; less than nothing or
-# more than the pad is thick; most taxels read as much as they can; the frame of an earlier touch
+# Fault of a frame: none; pressed without a signal; compression below 0 or above the pad's
+# thickness; most taxels saturated; the frame of an earlier touch
 FrameFault = Literal["none", "dead", "impossible", "saturated", "frozen"]
 
 
@@ -53,7 +53,7 @@ class TouchHeader:
     goal: Count  # Number of the contour or probe that the touch belongs to
     touch: Count  # Counts up by one within the goal
     finger: Count  # The finger that touched, from 1
-    placement: Count = 0  # How often the object had been turned over before it
+    placement: Count = 0  # Number of turns of the object before it
     direction: Direction  # Direction across the contour, world frame
     pose: Pose  # Believed pose of the pad: its z axis points into the object
     outcome: Outcome  # How the guarded move ended
@@ -68,7 +68,7 @@ class TactileFrame(TouchHeader):
     # Times of flight or forces, as the SensorInfo says. Row i lies at y = (i - (rows - 1) / 2) *
     # pitch
     array: SignalImage
-    move: MoveParts = field(default_factory=no_move)  # What its robot time was made of
+    move: MoveParts = field(default_factory=no_move)  # Parts of its robot time
 
 
 @readable
@@ -85,11 +85,11 @@ class SequenceEnd:
 class TactileImage(TouchHeader):
     """One calibrated and filtered frame. On ``/touch/image``."""
 
-    advance: Metres = 0.0  # Way of the guarded move, along the pad's z axis
+    advance: Metres = 0.0  # Length of the guarded move along the pad's z axis
     compression: LengthImage  # Compression of the pad under each taxel
     mask: Mask  # Where the pad touches
-    impulses: Count  # Taxels that stood out like impulses, and were replaced or left out
-    fault: FrameFault = "none"  # What is wrong with the frame; then nothing is marked as touched
+    impulses: Count  # Number of taxels with impulses, which were replaced or left out
+    fault: FrameFault = "none"  # Fault of the frame; then no taxel is marked as touched
 
 
 @readable
@@ -115,11 +115,11 @@ class SurfacePatch(TouchHeader):
     # Unit tangent in which the curvature is `k1`, world frame; its sign means nothing. 0 unless
     # `kind` is smooth
     principal_direction: Direction
-    umbilic: bool  # Whether `k1` and `k2` are too alike for that direction to mean anything
+    umbilic: bool  # Whether `k1` and `k2` are too similar for a principal direction
     curvature_across: PerMetre  # Normal curvature along `direction`. 0 unless `kind` is smooth
     curvature_across_error: PerMetre  # Its standard error; 0 unless `kind` is smooth
-    kind: SurfaceKind  # What the surface is
-    fault: FrameFault = "none"  # Why it is `invalid`, or that its top is cut off
+    kind: SurfaceKind  # Kind of the surface
+    fault: FrameFault = "none"  # Reason why it is `invalid`, or that its top is cut off
     # From 0 to 1: share of the taxels that touch, damped by the misfit of the jet
     confidence: Ratio
     residual: Metres  # Root mean square misfit of the jet

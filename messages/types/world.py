@@ -33,15 +33,15 @@ class World:
     """What a robot knows before it touches anything. Latched on ``/world``."""
 
     platform: Metres  # Height of the pedestal on which the object stands
-    # Whether it does not stand, but is held; then the finger's reach begins at that height
+    # Whether the object is held, and does not stand; then the finger's reach begins at that height
     held: bool = False
     # The finger reaches this far sideways from the axis and up from the platform
     reach: Metres
-    # Of that axis, which is upright
+    # Position of that upright axis
     centre: PlanarPoint = field(default_factory=lambda: np.zeros(2))
     fingers: Count  # Number of fingers
     seed: Count  # The run's seed
-    # How fast the robot is, so that time can be kept within a limit; empty where nobody knows
+    # Speeds of the robot, to keep within a limit of time; empty if unknown
     robot: RobotSpeeds = field(default_factory=lambda: np.zeros(0))
 
 
@@ -68,10 +68,10 @@ class SpaceMap:
 
     MAX_BYTES = 16 << 20  # `palpate.core.explore.MAX_VOXELS`, and what stands beside them
 
-    number: Count  # Number of the model with which it goes
+    number: Count  # Number of its model
     low: Vector  # Middle of the first voxel, world frame
     step: Metres  # Edge of a voxel
-    states: Voxels  # 0: nothing is known, 1: a finger has swept it and it is free, 2: touched
+    states: Voxels  # 0: unknown, 1: free, since a finger has swept it, 2: touched
 
 
 @readable
@@ -87,16 +87,16 @@ class SensorInfo:
     pitch: Metres  # Distance between neighbouring taxels
     thickness: Metres  # Thickness of the elastic pad over the transducers
     dome: PerMetre  # Curvature of the domed pad's face at its middle; 0 for a flat pad
-    # What a taxel sends: the time of flight of its echo, or the force on it
+    # Signal of a taxel: the time of flight of its echo, or the force on it
     signal: Literal["time", "force"]
     sound_speed: MetresPerSecond  # Speed of sound in the pad
     taxel_stiffness: NewtonsPerMetre  # Force on one taxel for each metre of compression
     # Factor that corrects each taxel's compression; all 1 if there is nothing to correct
     gain: RatioImage
-    offset: LengthImage  # What is then added to it; all 0 if there is nothing to correct
+    offset: LengthImage  # Added to the compression after that; all 0 if there is nothing to correct
     saturation: Ratio  # Largest compression as a share of the thickness
-    # What the pad's face does beside a contact: nothing, or it slopes back like a membrane on
-    # springs, or like the surface of a deep elastic body
+    # Shape of the pad's face beside a contact: flat, or sloping back like a membrane on springs, or
+    # like the surface of a deep elastic body
     face: Literal["springs", "membrane", "half_space"]
     face_decay: Metres  # Length in which a membrane falls to 1/e; 0 for the others
     noise: Metres  # Standard deviation of one taxel's compression; 0 if it is ideal

@@ -1,5 +1,4 @@
-"""What messages say of models, for the nodes that decide when an exploration ends.
+"""Conversions between messages and models of the core, for planner, collector and forecast.
 
-Used by the planner and the collector, and by the launcher's forecast. What is known while an object
-is explored, and what follows from it, stands in `palpate.core.explore`.
+The decisions of an exploration are made in `palpate.core.explore`.
 """

@@ -1,4 +1,4 @@
-"""What messages say of models, as values of the core; and the last word of an exploration."""
+"""Models in messages as values of the core, and the message at the end of an exploration."""
 
 from __future__ import annotations
 
@@ -35,28 +35,29 @@ def fitted_superquadric(coarse: Superquadric) -> FittedSuperquadric:
 
 
 def lying_of(model: ShapeModel, lying: Lying) -> Lying:
-    """How the object lies, as far as a model tells: no other tells of the last placement."""
+    """The pose of the object after the last turn, from a model; else the fault."""
     number = lying.placement
     if number == 0 or lying.is_turning:
         return lying
     if len(model.placements) < number:
-        why = "; ".join(model.placement_faults[-1:]) or "no model tells of it"
-        return lying._replace(fault=f"nobody knows how the object lies since it was turned: {why}")
+        why = "; ".join(model.placement_faults[-1:]) or "no model states it"
+        fault = f"the pose of the object is unknown since it was turned: {why}"
+        return lying._replace(fault=fault)
     return lying._replace(pose=Pose.from_array(model.placements[number - 1]))
 
 
 def observed_surface(
     model: ShapeModel,
-    pad: Pad,  # Of the finger
+    pad: Pad,  # of the finger
     world: World,
-    unknown_distance: float,  # From every touch, beyond which a place is unknown, m
+    unknown_distance: float,  # from all touches, beyond which surface is unknown [m]
     *,
-    refused: Floats | None = None,  # What touches were aimed at in vain, (n, 3), m
-    aimed: Floats | None = None,  # What single touches were aimed at, (n, 3), m
-    earlier: tuple[Progress, ...] = (),  # What was known with fewer touches
-    pose: Pose | None = None,  # Of the object in the world, if it was turned over
+    refused: Floats | None = None,  # targets of touches that failed, (n, 3) [m]
+    aimed: Floats | None = None,  # targets of single touches, (n, 3) [m]
+    earlier: tuple[Progress, ...] = (),  # progress with fewer touches
+    pose: Pose | None = None,  # of the object in the world, if it was turned over
 ) -> ObservedSurface | None:
-    """The model as planners of single touches are told of it; None if nothing tells of errors."""
+    """The model for planners of single touches; None if it states no errors."""
     if not len(model.vertex_errors):
         return None
     vertices, openings = model.vertices, model.openings
@@ -82,11 +83,11 @@ def observed_surface(
 
 
 def plan_done(
-    goal: ModelGoal,  # All that was touched
-    reason: str,  # Why it is over
-    found: Findings,  # What is known of the solid
-    limits: Limits,  # What was asked of it
-    unknown: OpenArea | None = None,  # Where nothing was touched; None if nobody looked
+    goal: ModelGoal,  # with all touches
+    reason: str,  # for the end
+    findings: Findings,  # about the solid
+    limits: Limits,  # on the solid
+    unknown: OpenArea | None = None,  # untouched surface; None if unknown
 ) -> PlanDone:
     """The message at the end of an exploration."""
     width = None if unknown is None else unknown.width
@@ -103,11 +104,11 @@ def plan_done(
         touches=goal.touches,
         robot_time=goal.robot_time,
         reason=reason,
-        reached=judge(found, limits).reached,
-        rms_bound_95=found.error_bound,
-        largest_untouched=width if found.untouched_gap is None else found.untouched_gap,
-        uncovered=found.untraced_height or 0.0,
-        findings=found.stated(),
+        reached=judge(findings, limits).reached,
+        rms_bound_95=findings.error_bound,
+        largest_untouched=width if findings.untouched_gap is None else findings.untouched_gap,
+        uncovered=findings.untraced_height or 0.0,
+        findings=findings.stated(),
         limits=limits.stated(),
         open_share=None if unknown is None else unknown.share,
         open_width=width,

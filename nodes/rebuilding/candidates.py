@@ -26,7 +26,7 @@ from palpate.core.steps import Steps, no_steps
 from palpate.messages import types
 from palpate.nodes.rebuilding.soundness import missing_error
 from palpate.nodes.rebuilding.volume import MeshVolume
-from palpate.nodes.specs.sensors import CONTACT_ERROR
+from palpate.nodes.specs.sensors import SENSING
 
 if TYPE_CHECKING:
     from palpate.core.rebuild import GeneralSolid
@@ -329,9 +329,9 @@ def coarse_model(
     `three_shapes`: the best of a sphere, a box and a cylinder, neither tapered nor bent.
     """
     if three_shapes:
-        fitted = recover(contacts, choice="thesis", noise=CONTACT_ERROR)
+        fitted = recover(contacts, choice="thesis", noise=SENSING.contact_error)
     else:
-        fitted = fit_coarse(contacts, CONTACT_ERROR)
+        fitted = fit_coarse(contacts, SENSING.contact_error)
     return types.Superquadric(
         number=number,
         size=fitted.size,

@@ -1,7 +1,6 @@
-"""What a node is, and how one runs.
+"""Definition of nodes, and running them: in processes, composed in one process, or in tests.
 
-In a process of its own, composed with others, or under test, always by the same steps. To be
-tuned: heartbeat, poll and flush times on top of `loop` and `sources`; handlers are handed over
-in one order whatever the way of running, and that is not to be touched. Rests on
-`palpate.messages`; the only part of `palpate.nodes` that reads a clock.
+All ways of running use the same steps, and handle messages in the same order. Times are fields of
+`LoopSettings` and `SourceSettings`. This package uses `palpate.messages`, and is the only part of
+`palpate.nodes` that reads a clock.
 """

@@ -1,9 +1,8 @@
-"""All nodes of a graph in one process, the same bytes between them; and how a graph ended.
+"""All nodes of a graph in one process, and the ending of a graph.
 
-Bodies are encoded and decoded here too, so that no handler can write into another's arrays.
-Each edge is first in, first out; which edge comes next is free, and a seeded schedule that
-draws it at random finds every dependence on the order of two publishers. A replay, which hands
-over recorded messages at their places, and a bench, which leaves the codec out, share the queue.
+Messages are encoded and decoded as between processes, so that no handler can write into another's
+arrays. Each edge is first in, first out. The next edge is arbitrary: a seeded random schedule finds
+dependences on the order of two publishers. Replays and benches share the queue.
 """
 
 from __future__ import annotations
@@ -33,15 +32,14 @@ from palpate.nodes.runtime.work import (
     failure_trace,
 )
 
-TICK_PERIOD = 0.1  # Time between two calls of the watcher's tick, s
 TopicT = TypeVar("TopicT")
 SubscriberT = TypeVar("SubscriberT")
 
 
 class MessageQueue(Generic[TopicT, SubscriberT]):
-    """What is under way in one process: each edge, a topic to a subscriber, first in, first out.
+    """Messages in one process: each edge, from a topic to a subscriber, is first in, first out.
 
-    Which edge comes next is the order of sending, or drawn.
+    The next edge is that of the oldest message, or random with `draw`.
     """
 
     def __init__(
@@ -52,14 +50,14 @@ class MessageQueue(Generic[TopicT, SubscriberT]):
         self._order: deque[tuple[TopicT, SubscriberT]] = deque()
 
     def put(self, topic: TopicT, message: Any) -> None:
-        """Send a message to all who listen."""
+        """Send a message to all subscribers."""
         for subscriber in self._subscribers.get(topic, ()):
             self._edges.setdefault((topic, subscriber), deque()).append(message)
             if self._draw is None:
                 self._order.append((topic, subscriber))
 
     def take(self) -> tuple[TopicT, SubscriberT, Any] | None:
-        """Topic, subscriber and message of what is handed over next; None when all is quiet."""
+        """The next topic, subscriber and message; None if there is none."""
         if not self._edges:
             return None
         edge = self._order.popleft() if self._draw is None else self._draw.choice([*self._edges])
@@ -77,11 +75,11 @@ def run_composed(
     watcher: Watcher,
     schedule: int | None = None,
 ) -> Ending:
-    """Run a graph in this process until it is quiet.
+    """Run a graph in this process until no message is left.
 
-    The node `ends` is the one whose Finished ends it; the watcher receives the topics, as on the
-    wire, of `watch`. `schedule` is the seed of a random schedule; None hands messages over in the
-    order in which they were sent. A node that raises ends the graph as ``died``.
+    `ends`: node whose Finished ends it. `watch`: topics on the wire that the watcher receives.
+    `schedule`: seed of a random schedule; None handles messages in the order of sending. A node
+    that raises an exception ends the graph as ``died``.
     """
     composition = Composition(wirings, watch, watcher, schedule)
     with ExitStack() as closing:
@@ -89,7 +87,7 @@ def run_composed(
             for name, work in composition.open():
                 closing.callback(work.close)
                 composition.works[name] = work
-            # Several threads round otherwise; what was imported with the nodes is limited too.
+            # Several threads would change rounding; libraries imported with the nodes are included.
             closing.enter_context(threadpool_limits(limits=1))
             composition.begin()
             watcher.ready(0.0)
@@ -97,7 +95,7 @@ def run_composed(
                 pass
         except KeyboardInterrupt:
             return composition.ending("interrupted", "interrupted by Ctrl-C")
-        except Exception as error:  # The edge of the nodes: whatever it was must be told in words.
+        except Exception as error:  # any exception of a node is reported
             text = failure_text(composition.doing, error)
             name = composition.doing.split()[0]
             for record in failure_records(name, text, failure_trace(error)):
@@ -110,7 +108,10 @@ def run_composed(
 
 
 class Composition:
-    """The edges between the nodes and what is under way on them; arguments as `run_composed`."""
+    """Nodes of one process and the messages between them; arguments as of `run_composed`.
+
+    The watcher is called every `tick_period` [s].
+    """
 
     def __init__(
         self,
@@ -118,65 +119,67 @@ class Composition:
         watch: Sequence[str],
         watcher: Watcher,
         schedule: int | None,
+        tick_period: float = 0.1,
     ) -> None:
-        self.works: dict[str, Work] = {}  # The nodes, by name
-        self.finished: dict[str, str] = {}  # Reason of each node that has published Finished
-        self.doing = "starting"  # What was last begun, in words
+        self.works: dict[str, Work] = {}  # nodes by name
+        self.finished: dict[str, str] = {}  # reasons of nodes that have published Finished
+        self.doing = "starting"  # last activity, in words
+        self._tick_period = tick_period
         self._wirings = {wiring.name: wiring for wiring in wirings}
         self._types: dict[str, type] = {}
         subscribers: dict[str, list[str]] = {}
         for wiring in wirings:
-            for one in wiring.inputs:
-                subscribers.setdefault(one.topic, []).append(wiring.name)
+            for edge in wiring.inputs:
+                subscribers.setdefault(edge.topic, []).append(wiring.name)
         draw = None if schedule is None else random.Random(schedule)
         self._queue = MessageQueue(subscribers, draw)
         self._watch, self._watcher = set(watch), watcher
         self._sent: dict[str, dict[str, int]] = {name: {} for name in self._wirings}
         self._cpu = dict.fromkeys(self._wirings, 0.0)
-        self._paces = {one.name: RobotPace(one.rate) for one in wirings if one.rate}
-        self._next_tick = time.monotonic() + TICK_PERIOD
+        self._paces = {w.name: RobotPace(w.rate) for w in wirings if w.rate}
+        self._next_tick = time.monotonic() + tick_period
 
     def open(self) -> Sequence[tuple[str, Work]]:
-        """Make the nodes, sinks first: they must receive everything."""
-        made: list[tuple[str, Work]] = []
+        """Make the nodes, with sinks first, which must receive all messages."""
+        works: list[tuple[str, Work]] = []
         for name, wiring in self._wirings.items():
             self.doing = name
             node = load_node(wiring.module)
             import_module(wiring.module)
             if isinstance(node, Node):
                 self._types |= {wire: node.outputs[local] for local, wire in wiring.outputs.items()}
-                made.append((name, NodeWork(node, wiring.params, wiring)))
+                works.append((name, NodeWork(node, wiring.params, wiring)))
             elif isinstance(node, Source):
-                made.append((name, SourceWork(node, wiring.params, wiring)))
+                works.append((name, SourceWork(node, wiring.params, wiring)))
                 publications = node.outputs(wiring.params)
                 self._types |= {wire: publications[local] for local, wire in wiring.outputs.items()}
             else:
-                made.insert(0, (name, SinkWork(node, wiring.params, wiring)))
-        return made
+                works.insert(0, (name, SinkWork(node, wiring.params, wiring)))
+        return works
 
     def begin(self) -> None:
-        """Start every node."""
+        """Start all nodes."""
         for name, work in self.works.items():
             self._publish(name, work.begin)
         for pace in self._paces.values():
             pace.start(time.monotonic())
 
     def deliver(self) -> bool:
-        """Hand over one message; False when none is left."""
-        if (found := self._queue.take()) is None:
+        """Handle one message; False if none is left."""
+        if (item := self._queue.take()) is None:
             return self._ask_sources()
-        _, name, arrival = found
+        _, name, arrival = item
         self._publish(name, lambda: self.works[name].take(arrival))
         self._tick()
         return True
 
     def _tick(self) -> None:
         if time.monotonic() >= self._next_tick:
-            self._next_tick = time.monotonic() + TICK_PERIOD
+            self._next_tick = time.monotonic() + self._tick_period
             self._watcher.tick(self.statuses())
 
     def statuses(self) -> dict[str, NodeStatus]:
-        """Counters of all nodes; of the processor's time, what handling their messages took."""
+        """Counters of all nodes; processor time is that of their handlers."""
         return {
             name: NodeStatus(
                 node=name,
@@ -194,11 +197,11 @@ class Composition:
         }
 
     def ending(self, status: str, reason: str) -> Ending:
-        """What is left to say."""
+        """The ending with the last counters."""
         return Ending(status=status, reason=reason, statuses=self.statuses())  # type: ignore[arg-type]
 
     def _ask_sources(self) -> bool:
-        """Have a source publish what it has next, when nothing else is left to do."""
+        """Let a source publish its next message; False if no source has any."""
         for name, work in self.works.items():
             if not isinstance(work, SourceWork):
                 continue
@@ -222,16 +225,16 @@ class Composition:
             self._cpu[name] += time.thread_time() - began
         if name in self._paces:
             self._hold(self._paces[name], published)
-        for one in published:
-            if isinstance(one, Finished):
-                self.finished.setdefault(name, one.reason)
+        for output in published:
+            if isinstance(output, Finished):
+                self.finished.setdefault(name, output.reason)
             else:
-                self._send(name, one)
+                self._send(name, output)
 
     def _hold(self, pace: RobotPace, published: Iterable[Outgoing | Finished]) -> None:
-        """Wait for the robot time of what acting on the world has come to."""
+        """Wait until the robot time of messages."""
         while (left := pace.wait(published, time.monotonic())) > 0.0:
-            time.sleep(min(left, TICK_PERIOD))
+            time.sleep(min(left, self._tick_period))
             self._tick()
 
     def _send(self, name: str, parcel: Outgoing) -> None:
@@ -246,31 +249,31 @@ class Composition:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ending:
-    """What is left to say when all nodes have stopped."""
+    """The ending of a graph, after all nodes have stopped."""
 
-    # ``finished``: the ending node said so and every message was consumed. ``died``: a node failed.
-    # ``stalled``: all quiet without an end. ``interrupted``: somebody pressed Ctrl-C.
+    # ``finished``: the ending node has finished and all messages are consumed. ``died``: a node
+    # failed. ``stalled``: no message is left before the end. ``interrupted``: Ctrl-C or a signal.
     status: Literal["finished", "died", "stalled", "interrupted"]
-    reason: str  # One sentence: the reason of Finished, who died of what, or who waits for whom
+    reason: str  # one sentence: the reason of Finished, the failure, or the missing messages
     # The last counters of each node.
     statuses: Mapping[str, NodeStatus] = field(default_factory=dict)
-    gaps: int = 0  # Missing messages over all reliable topics
-    duplicates: int = 0  # Messages that came twice over all reliable topics
-    # How often each node was started again, of those that were.
+    gaps: int = 0  # number of missing messages of all reliable topics
+    duplicates: int = 0  # number of repeated messages of all reliable topics
+    # Numbers of restarts of nodes that were restarted.
     restarts: Mapping[str, int] = field(default_factory=dict)
 
 
 class Watcher:
-    """Receives what the launcher receives, while the graph runs; of itself it keeps nothing."""
+    """Receives messages and counters of a running graph; this base class ignores them."""
 
     def ready(self, seconds: float) -> None:
-        """All nodes are up and joined, this long after the launch began."""
+        """Take the time from the launch until all nodes were joined [s]."""
 
     def received(self, topic: str, message: object) -> None:
-        """A message on one of the topics that were asked for."""
+        """Take a message on one of the watched topics."""
 
     def log(self, record: LogRecord) -> None:
-        """A node has something to say."""
+        """Take a log record of a node."""
 
     def tick(self, statuses: Mapping[str, NodeStatus]) -> None:
-        """Called some ten times a second with the latest counters; may draw."""
+        """Take the latest counters, about ten times a second."""

@@ -1,8 +1,8 @@
-"""The process of one node, and the one loop in it: receive, handle, publish.
+"""The process of one node, and its loop: receive, handle, publish.
 
-The process never outlives its launcher. A node that is started again replays its journal, and
-goes on: it receives everything once more from its publishers, but in whatever order they answer;
-the journal says in which order it had handled them.
+The process ends with its launcher. A restarted node replays its journal, then continues: it
+receives all messages again from its publishers, in any order; the journal has the order in which it
+had handled them.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import sys
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack, closing
+from dataclasses import dataclass
 from importlib import import_module
 from multiprocessing import forkserver
 from pathlib import Path
@@ -37,65 +38,75 @@ from palpate.nodes.runtime.work import (
 )
 from palpate.preloading import signal_at_parent_death
 
-NOT_STARTED = 4  # Exit code of a process that could not even reach the launcher
-FAILED = 3  # Exit code of a node that has told the launcher why it failed
-HEARTBEAT_PERIOD = 0.25  # A node gives a sign of life this often, s
-IDLE_MS = int(HEARTBEAT_PERIOD * 500)
-BUSY_PERIOD = 0.02  # A node that is busy for long looks this often who asks it for the past, s
-FLUSH_MS = 20  # A sink to which nothing comes for so long puts away what it holds
-DRAIN_TIME = 1.0  # A sink that is told to end still writes what has arrived, for so long, s
-# Takes what is to be called when the process is asked to end, instead of dying at once.
+NOT_STARTED = 4  # exit code of a process that cannot reach the launcher
+FAILED = 3  # exit code of a node that has reported its failure to the launcher
+# Takes a function that is called when the process is asked to end, instead of its end.
 OnTerminate = Callable[[Callable[[], None]], None]
 Publication = Outgoing | Promise | Finished
 
 
-def enter_process(wiring: bytes, place: bytes) -> None:
-    """Run one node in this process, and leave the process.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LoopSettings:
+    """Times of the loop of a node."""
 
-    Given are a `Wiring` (its parameters once more as bytes) and `Addresses`, in msgpack.
+    heartbeat_period: float = 0.25  # of signs of life [s]
+    busy_period: float = 0.02  # of requests that are answered during long work [s]
+    flush_ms: int = 20  # without messages, after which a sink flushes
+    drain_time: float = 1.0  # in which a sink that ends writes arrived messages [s]
+
+    @property
+    def idle_ms(self) -> int:
+        """Longest wait for messages, half the heartbeat period [ms]."""
+        return int(self.heartbeat_period * 500)
+
+
+def enter_process(wiring: bytes, place: bytes) -> None:
+    """Run one node in this process, then exit.
+
+    `wiring` is a `Wiring` with encoded parameters, `place` are `Addresses`, both in msgpack.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM})
-    _let_go_of_parent()
+    _close_parent_pipe()
     _die_with_parent(signal.SIGKILL)
-    seat = msgspec.msgpack.decode(wiring, type=Wiring)
-    os.nice(seat.nice)
+    decoded = msgspec.msgpack.decode(wiring, type=Wiring)
+    os.nice(decoded.nice)
     try:
-        code = run_node(seat, msgspec.msgpack.decode(place, type=bus.Addresses), _protect)
-    except Exception as error:  # The edge of the process, without a line to the launcher.
-        print(f"{seat.name}: {type(error).__name__}: {error}", file=sys.stderr)
+        code = run_node(decoded, msgspec.msgpack.decode(place, type=bus.Addresses), _protect)
+    except Exception as error:  # the launcher cannot be reached
+        print(f"{decoded.name}: {type(error).__name__}: {error}", file=sys.stderr)
         code = NOT_STARTED
     sys.exit(code)
 
 
-def _let_go_of_parent() -> None:
-    """Close the line that would keep the parent, the server that forks the nodes, alive.
+def _close_parent_pipe() -> None:
+    """Close the pipe that keeps the parent, the fork server, alive.
 
-    It ends when nobody holds the far end of its line any more, and hands that end to every child:
-    a child has to close it, or neither would end when the launcher is killed.
+    The fork server ends when the far end of its pipe is closed, and all children inherit that end.
+    With an open end neither would end when the launcher is killed.
     """
-    line = getattr(forkserver, "_forkserver", None)
-    held = getattr(line, "_forkserver_alive_fd", None)
-    if line is not None and held is not None:
-        os.close(held)
-        line._forkserver_alive_fd = None
+    server = getattr(forkserver, "_forkserver", None)
+    descriptor = getattr(server, "_forkserver_alive_fd", None)
+    if server is not None and descriptor is not None:
+        os.close(descriptor)
+        server._forkserver_alive_fd = None
 
 
 def run_node(wiring: Wiring, place: bus.Addresses, protect: OnTerminate) -> int:
-    """Run one node until the launcher says stop; `protect` is called before a sink opens its file.
+    """Run one node until the launcher stops it; `protect` is called before a sink opens its file.
 
-    Parameters are the bytes of a msgpack map in the wiring. Returns the exit code: 0, or `FAILED`
-    after the launcher has been told why.
+    The parameters in the wiring are encoded in msgpack. Returns the exit code: 0, or `FAILED` after
+    the failure was reported to the launcher.
     """
     subscriptions: dict[str, list[str]] = {}
-    for one in wiring.inputs:
-        subscriptions.setdefault(one.publisher, []).append(one.topic)
+    for edge in wiring.inputs:
+        subscriptions.setdefault(edge.publisher, []).append(edge.topic)
     station = bus.NodeSockets(
         wiring.name,
         place,
         subscriptions=subscriptions,
-        publications={one: wiring.subscribers.get(one, ()) for one in wiring.outputs.values()},
+        publications={t: wiring.subscribers.get(t, ()) for t in wiring.outputs.values()},
         persistent=wiring.persistent,
         types=wiring.types,
     )
@@ -104,7 +115,7 @@ def run_node(wiring: Wiring, place: bus.Addresses, protect: OnTerminate) -> int:
         with ExitStack() as kept:
             loop.run(_load(wiring, place, loop, protect, kept))
         loop.send_exiting()
-    except Exception as error:  # The edge of the process: whatever it was must be told in words.
+    except Exception as error:  # any exception is reported
         loop.send_failed(error)
         return FAILED
     finally:
@@ -115,21 +126,20 @@ def run_node(wiring: Wiring, place: bus.Addresses, protect: OnTerminate) -> int:
 def _load(
     wiring: Wiring, place: bus.Addresses, loop: NodeLoop, protect: OnTerminate, kept: ExitStack
 ) -> Work:
-    """The node at work; what it holds is put away with the stack."""
+    """The work of the node; its files are closed with the stack."""
     node = load_node(wiring.module)
     import_module(wiring.module)
     params: object = msgspec.msgpack.decode(wiring.params, type=node.params)
     file = Path(place.journals[wiring.name])
     if isinstance(node, Node):
-        edges = [(one.publisher, one.topic) for one in wiring.inputs]
         if not node.has_side_effects:
+            edges = [(edge.publisher, edge.topic) for edge in wiring.inputs]
             loop.journal = kept.enter_context(closing(bus.Journal(file, edges)))
-        if not node.has_side_effects:
             loop.outside = kept.enter_context(closing(OutsideMessages(file)))
         if node.settable:
             loop.changes = kept.enter_context(closing(bus.ParameterLog(file)))
-        had = loop.changes.before if loop.changes else ()
-        changes = [msgspec.json.decode(one, type=ParameterEvent) for one in had]
+        lines = loop.changes.before if loop.changes else ()
+        changes = [msgspec.json.decode(line, type=ParameterEvent) for line in lines]
         loop.work = NodeWork(node, params, wiring, changes)
     elif isinstance(node, Source):
         tally = kept.enter_context(closing(bus.SourceProgress(file))) if node.repeats else None
@@ -142,81 +152,88 @@ def _load(
 
 
 def _protect(end: Callable[[], None]) -> None:
-    """Let the process close its file when it is asked to end, or its launcher dies."""
+    """Call `end` when the process is asked to end, or its launcher dies."""
     signal.signal(signal.SIGTERM, lambda *_: end())
     _die_with_parent(signal.SIGTERM)
 
 
 def _die_with_parent(number: signal.Signals) -> None:
-    """Have the kernel send a signal when the parent process dies."""
+    """Let the kernel send a signal when the parent process dies."""
     if sys.platform != "linux":
         return
     before = os.getppid()
     signal_at_parent_death(number)
     launcher = multiprocessing.parent_process()
-    # The parent may have died before the kernel was told.
+    # The parent may have died before the call.
     if os.getppid() != before or (launcher is not None and not launcher.is_alive()):
         os._exit(NOT_STARTED)
 
 
 class NodeLoop:
-    """A node's loop over its station."""
+    """The loop of a node.
 
-    # `going`: whether the graph had been started before. The node then goes through what it had
-    # done, and that is sent only to those who lack something of it.
+    `going`: the graph was running already. The node then repeats its earlier work, and sends
+    messages only to subscribers that lack them. `rate`: as of `Wiring`.
+    """
+
     def __init__(
-        self, name: str, station: bus.NodeSockets, *, going: bool = False, rate: float = 0.0
+        self,
+        name: str,
+        station: bus.NodeSockets,
+        *,
+        going: bool = False,
+        rate: float = 0.0,
+        settings: LoopSettings = LoopSettings(),
     ) -> None:
-        self.work: Work | None = None  # What the node does; None until it is loaded
-        # Where it puts down what it handles; only of nodes that could do it again
-        self.journal: bus.Journal | None = None
-        self.changes: bus.ParameterLog | None = None  # Where it puts down what is set, if it may be
-        # What tools have it publish; only of nodes that publish again after a death
-        self.outside: OutsideMessages | None = None
-        self._unset: list[bus.ControlMessage] = []  # To be done between two messages
+        self._settings = settings
+        self.work: Work | None = None  # None until the node is loaded
+        self.journal: bus.Journal | None = None  # of handled messages; None of persistent nodes
+        self.changes: bus.ParameterLog | None = None  # of parameters, if any can be set
+        self.outside: OutsideMessages | None = None  # requested by tools; None if persistent
+        self._requests: list[bus.ControlMessage] = []  # carried out between two messages
         self._name, self._station = name, station
         station.while_blocked = self._beat_if_due
         self._going, self._ended = going, False
-        self._joined: bool | None = None
+        self._joined = False
         self._state = "starting"
         self._next_beat = self._next_look = 0.0
         self._looking = False
         self._pace = RobotPace(rate)
-        self._held: list[Publication] = []  # What is published at its robot time
+        self._held: list[Publication] = []  # published at their robot time
 
     def end(self) -> None:
-        """Leave the loop at the next occasion; may be called from a signal handler."""
+        """End the loop soon; may be called from a signal handler."""
         self._ended = True
 
-    def skip(self, had: Mapping[str, int]) -> None:
-        """Ask for no message of a topic before so many."""
-        for topic, number in had.items():
+    def skip(self, counts: Mapping[str, int]) -> None:
+        """Request no messages before a number, by topic."""
+        for topic, number in counts.items():
             self._station.subscriber.skip(topic, number)
 
     def run(self, work: Work) -> None:
-        """Turn until the launcher says stop, or the process is asked to end."""
+        """Run until the launcher stops the node, or the process is asked to end."""
         station = self._station
-        work.steps.before_each = self._look_up
+        work.steps.before_each = self._serve_during_work
         if self._going:
             self._state = "rebuilding"
-            owed = self._go_on(work)
+            unsent = self._repeat_earlier_work(work)
             self._state, self._next_beat = "running", 0.0
             self._beat_if_due()
-            self._publish(owed)
+            self._publish(unsent)
             self._publish_outside()
         while not self._ended:
-            received, told = station.wait(self._patience(work))
-            self._next_look = time.monotonic() + BUSY_PERIOD
-            if told:
+            has_messages, has_control = station.wait(self._timeout_ms(work))
+            self._next_look = time.monotonic() + self._settings.busy_period
+            if has_control:
                 self._obey(work)
             if not self._going:
                 self._join()
             elif self._held:
-                self._let_go(self._held)
-            elif self._unset:
-                for word in self._take_unset():
-                    self._do(work, word)
-            elif received or station.waiting:
+                self._publish_at_pace(self._held)
+            elif self._requests:
+                for word in self._take_requests():
+                    self._carry_out(work, word)
+            elif has_messages or station.waiting:
                 arrival = station.receive()
                 if arrival is not None:
                     self._handle(work, arrival)
@@ -226,60 +243,61 @@ class NodeLoop:
                 self._publish(work.publish_due())
             self._beat_if_due()
         if isinstance(work, SinkWork):
-            self._take_the_rest(work)
+            self._drain(work)
             work.missing = station.subscriber.missing
 
     def send_exiting(self) -> None:
-        """Tell the launcher the last counters."""
+        """Send the last counters to the launcher."""
         self._station.line.send("exiting", status=encode(self._status("ending")))
 
     def send_failed(self, error: Exception) -> None:
-        """Tell the launcher, and those who listen, what went wrong."""
+        """Send the failure to the launcher."""
         doing = self.work.doing if self.work else "loading"
         text, trace = failure_text(doing, error), failure_trace(error)
         self._station.line.send("failed", text=text, trace=trace)
 
-    def _patience(self, work: Work) -> int:
-        """Longest wait for something to arrive, ms."""
+    def _timeout_ms(self, work: Work) -> int:
+        """Longest wait for messages [ms]."""
         if self._going:
             if self._station.waiting or self._held:
                 return 0
             if isinstance(work, SourceWork):
-                return work.patience(IDLE_MS)
+                return work.timeout_ms(self._settings.idle_ms)
             if isinstance(work, SinkWork) and work.unwritten:
-                return FLUSH_MS
-        return IDLE_MS
+                return self._settings.flush_ms
+        return self._settings.idle_ms
 
     def _handle(self, work: Work, arrival: bus.Received) -> None:
-        """Handle a message, once it is put down that it is; if that acts on the world, after it."""
+        """Handle a message that is in the journal; a persistent node keeps its answers first."""
         publisher, topic, seq = arrival.publisher, arrival.topic, arrival.header.seq
         if isinstance(work, NodeWork) and work.has_side_effects:
             published = work.take(arrival)
-            ends = [one for one in published if isinstance(one, Finished)]
-            outgoing = [one for one in published if isinstance(one, Outgoing)]
+            ends = [output for output in published if isinstance(output, Finished)]
+            outgoing = [output for output in published if isinstance(output, Outgoing)]
             cause = bus.Cause(publisher, topic, seq, ends[0].reason if ends else "")
-            self._station.answer([one[:4] for one in outgoing], cause)
+            self._station.answer([output[:4] for output in outgoing], cause)
             self._publish(ends)
             return
         if self.journal is not None:
             self.journal.note(publisher, topic, seq)
-        self._let_go(work.each(arrival) if isinstance(work, NodeWork) else work.take(arrival))
+        outputs = work.outputs_of(arrival) if isinstance(work, NodeWork) else work.take(arrival)
+        self._publish_at_pace(outputs)
 
-    def _let_go(self, published: Iterable[Publication]) -> None:
-        """Publish what was handled; what a robot has done is held back until its robot time."""
+    def _publish_at_pace(self, published: Iterable[Publication]) -> None:
+        """Publish outputs; with a rate of robot time, hold them until their robot time."""
         if self._pace.rate:
             published = [*published]
             left = self._pace.wait(published, time.monotonic())
             self._held = published if left > 0.0 else []
             if self._held:
-                time.sleep(min(left, BUSY_PERIOD))
+                time.sleep(min(left, self._settings.busy_period))
                 return
         self._publish(published)
         self._publish_outside()
 
-    def _go_on(self, work: Work) -> list[Publication]:
-        """Take up what an earlier start has done; returns what it had not come to publish."""
-        station, owed = self._station, list[Publication]()
+    def _repeat_earlier_work(self, work: Work) -> list[Publication]:
+        """Repeat the work of an earlier start; returns outputs that it had not published."""
+        station, unsent = self._station, list[Publication]()
         gc.freeze()
         if isinstance(work, NodeWork) and work.has_side_effects:
             past = station.publisher.past
@@ -289,69 +307,72 @@ class NodeLoop:
         self._publish(work.begin())
         self._publish_outside()
         if isinstance(work, NodeWork) and self.journal is not None:
-            owed += self._replay(work, self.journal.before)
+            unsent += self._replay(work, self.journal.before)
         station.publisher.go_live()
-        return owed
+        return unsent
 
     def _replay(self, work: NodeWork, before: Sequence[bus.Consumed]) -> list[Publication]:
-        """Do once more what an earlier start has done.
+        """Handle the messages of an earlier start again, in the order of the journal.
 
-        Returns what it died over, or had not come to: it may have been making something that takes
-        long, which is still to be made and sent, with all that is new after that.
+        Returns outputs that it had not published, as a message that was being made when it died,
+        and new ones after it.
         """
-        station, order, owed = self._station, JournalOrder(before), list[Publication]()
-        while order.replaying and self._turn_again(work):
-            while (come := station.receive()) is not None:
-                order.put(come)
+        station, order, unsent = self._station, JournalOrder(before), list[Publication]()
+        while order.replaying and self._wait_in_replay(work):
+            while (received := station.receive()) is not None:
+                order.put(received)
             while order.replaying and (arrival := order.take()) is not None:
-                owed += self._republish(work.replay(arrival), behind=bool(owed))
-                if not owed:
+                unsent += self._republish(work.replay(arrival), behind=bool(unsent))
+                if not unsent:
                     self._publish_outside()
                 self._beat_if_due()
         station.give_back(order.rest())
-        return owed
+        return unsent
 
     def _republish(self, published: Sequence[Publication], *, behind: bool) -> list[Publication]:
-        """Publish it once more; returns what takes long and had not been, and what is new after it.
+        """Publish outputs again; returns unpublished slow ones, and new ones after them.
 
-        All that is new, if the node is `behind` already: it had not come to all that it received.
+        If the node is `behind` already, all new outputs are returned.
         """
-        owed = list[Publication]()
-        for one in published:
-            had = not isinstance(one, Finished) and self._station.publisher.was_published(one.topic)
-            if had or not (behind or owed or isinstance(one, Promise)):
-                self._publish([one])
+        unsent = list[Publication]()
+        for output in published:
+            was_sent = not isinstance(output, Finished) and self._station.publisher.was_published(
+                output.topic
+            )
+            if was_sent or not (behind or unsent or isinstance(output, Promise)):
+                self._publish([output])
             else:
-                owed.append(one)
-        return owed
+                unsent.append(output)
+        return unsent
 
-    def _turn_again(self, work: Work) -> bool:
-        """Wait for a moment while it is rebuilt, and obey; False if it is told to end."""
-        _, told = self._station.wait(0 if self._station.waiting else IDLE_MS)
-        if told:
+    def _wait_in_replay(self, work: Work) -> bool:
+        """Wait for messages during the replay, and obey the launcher; False if it must end."""
+        idle_ms = 0 if self._station.waiting else self._settings.idle_ms
+        _, has_control = self._station.wait(idle_ms)
+        if has_control:
             self._obey(work)
         self._beat_if_due()
         return not self._ended
 
     def _join(self) -> None:
-        """Take in what comes before the start, and report when all inputs are in step."""
+        """Receive messages before the start, and report when all inputs are in step."""
         self._station.take_in()
-        joined = self._station.subscriber.in_step
-        if joined and not self._joined:
+        is_joined = self._station.subscriber.in_step
+        if is_joined and not self._joined:
             self._station.line.send("ready")
-        self._joined = joined
+        self._joined = is_joined
 
     def _obey(self, work: Work) -> None:
         line = self._station.line
         while (word := line.receive()) is not None:
             if word["kind"] == "go" and not self._going:
                 self._going, self._state = True, "running"
-                # What was imported stays; looking through it again would hold up messages.
+                # Searching imported modules for garbage again would delay messages.
                 gc.freeze()
                 self._publish(work.begin())
                 self._pace.start(time.monotonic())
             elif word["kind"] == "count":
-                if self._held:  # it has more to say: whoever counts asks again
+                if self._held:  # the launcher asks again
                     continue
                 line.send(
                     "count",
@@ -364,25 +385,25 @@ class NodeLoop:
             elif word["kind"] == "stop":
                 self._ended = True
             elif isinstance(work, NodeWork) and self._going:
-                self._unset.append(word)
+                self._requests.append(word)
             elif isinstance(work, NodeWork):
-                told = {"text": f"{self._name} has not begun yet", "again": True}
-                line.send("refused", ticket=word["ticket"], **told)
+                text = f"{self._name} has not begun yet"
+                line.send("refused", ticket=word["ticket"], text=text, again=True)
             elif isinstance(work, SourceWork):
                 self._publish(work.obey(word))
                 line.send("acknowledged", ticket=word["ticket"])
 
     def _publish_outside(self) -> None:
-        """Publish what tools had an earlier start publish, where its turn has come."""
+        """Publish messages that tools requested of an earlier start, when they are next."""
         if self.outside is not None and self.outside.left:
             self._publish(self.outside.due(self._station.publisher.past.count))
 
-    def _take_unset(self) -> list[bus.ControlMessage]:
-        words, self._unset = self._unset, []
+    def _take_requests(self) -> list[bus.ControlMessage]:
+        words, self._requests = self._requests, []
         return words
 
-    def _do(self, work: Work, word: bus.ControlMessage) -> None:
-        """What a tool asks for between two messages."""
+    def _carry_out(self, work: Work, word: bus.ControlMessage) -> None:
+        """Carry out the request of a tool between two messages."""
         if word["kind"] == "set":
             self._set(work, word)
             return
@@ -394,40 +415,40 @@ class NodeLoop:
         self._station.line.send("acknowledged", ticket=word["ticket"])
 
     def _set(self, work: Work, word: bus.ControlMessage) -> None:
-        """Set a parameter before the next message, once it is put down that it is."""
+        """Write a change of a parameter, then set it before the next message."""
         assert isinstance(work, NodeWork) and self.changes is not None
         try:
             change = work.change(word["param"], word["value"])
         except ValueError as error:
-            told = {"text": f"{self._name}: {error}", "again": isinstance(error, NotReadyError)}
-            self._station.line.send("refused", ticket=word["ticket"], **told)
+            text, again = f"{self._name}: {error}", isinstance(error, NotReadyError)
+            self._station.line.send("refused", ticket=word["ticket"], text=text, again=again)
             return
         self.changes.note(msgspec.json.encode(change))
         self._publish(work.set(change))
         self._station.line.send("acknowledged", ticket=word["ticket"])
 
     def _publish(self, published: Iterable[Publication]) -> None:
-        for one in published:
-            if isinstance(one, Promise):
-                self._station.publisher.promise(*one)
-            elif isinstance(one, Finished):
-                self._station.line.send("finished", reason=one.reason)
-                text = f"finished: {one.reason}"
+        for output in published:
+            if isinstance(output, Promise):
+                self._station.publisher.promise(*output)
+            elif isinstance(output, Finished):
+                self._station.line.send("finished", reason=output.reason)
+                text = f"finished: {output.reason}"
                 record = LogRecord(node=self._name, level="info", text=text, robot_time=0.0)
                 self._station.tap.publish(record)
             else:
                 self._publish_outside()  # each message keeps its number on its topic
-                self._station.send(*one)
+                self._station.send(*output)
 
-    def _look_up(self) -> None:
-        """From work that takes long: answer those who ask for the past, and give a sign of life.
+    def _serve_during_work(self) -> None:
+        """During long work, answer nodes that join, and send signs of life.
 
-        What they ask for may have to be made itself: from there nobody looks up again.
+        An answer may itself need long work, during which this does nothing.
         """
         now = time.monotonic()
         if now < self._next_look or self._looking:
             return
-        self._looking, self._next_look = True, now + BUSY_PERIOD
+        self._looking, self._next_look = True, now + self._settings.busy_period
         try:
             self._station.publisher.serve()
             self._beat_if_due()
@@ -437,7 +458,7 @@ class NodeLoop:
     def _beat_if_due(self) -> None:
         if time.monotonic() < self._next_beat:
             return
-        self._next_beat = time.monotonic() + HEARTBEAT_PERIOD
+        self._next_beat = time.monotonic() + self._settings.heartbeat_period
         self._station.tap.refresh()
         self._station.tap.publish(self._status(self._state))
         self._station.line.send("alive")
@@ -458,8 +479,8 @@ class NodeLoop:
             steps=dict(self.work.steps.seconds) if self.work else {},
         )
 
-    def _take_the_rest(self, work: SinkWork) -> None:
-        """When others have died, what they published last is worth the most."""
-        deadline = time.monotonic() + DRAIN_TIME
+    def _drain(self, work: SinkWork) -> None:
+        """Write messages that have arrived, as the last ones of nodes that died."""
+        deadline = time.monotonic() + self._settings.drain_time
         while time.monotonic() < deadline and (arrival := self._station.receive()) is not None:
             work.take(arrival)

@@ -1,4 +1,4 @@
-"""What an earlier start of a node has done, and is gone through once more."""
+"""Repetition of the work of an earlier start of a node."""
 
 from __future__ import annotations
 
@@ -16,77 +16,77 @@ from palpate.nodes.runtime.work import Outgoing
 def unpublished(
     published: Iterable[Outgoing | Finished], counts: Mapping[str, int]
 ) -> Iterator[Outgoing | Finished]:
-    """What of a node's first outputs an earlier start, which published so many, did not come to."""
-    had = dict(counts)
-    for one in published:
-        if isinstance(one, Outgoing) and had[one.topic]:
-            had[one.topic] -= 1
+    """First outputs of a node without those that an earlier start published, `counts` by topic."""
+    left = dict(counts)
+    for output in published:
+        if isinstance(output, Outgoing) and left[output.topic]:
+            left[output.topic] -= 1
         else:
-            yield one
+            yield output
 
 
 class JournalOrder:
-    """Puts arrivals into the order in which earlier starts of the node have consumed them."""
+    """Puts messages into the order in which earlier starts of the node consumed them."""
 
     def __init__(self, before: Sequence[bus.Consumed]) -> None:
         self._before = deque(before)
-        self._come: dict[tuple[str, str], deque[bus.Received]] = {}
+        self._arrived: dict[tuple[str, str], deque[bus.Received]] = {}
 
     @property
     def replaying(self) -> bool:
-        """Whether something is still to be handled that had been handled before."""
+        """Whether messages of the journal are still to be handled."""
         return bool(self._before)
 
     def put(self, arrival: bus.Received) -> None:
-        """Take note of what has arrived."""
-        self._come.setdefault((arrival.publisher, arrival.topic), deque()).append(arrival)
+        """Add a message that has arrived."""
+        self._arrived.setdefault((arrival.publisher, arrival.topic), deque()).append(arrival)
 
     def take(self) -> bus.Received | None:
-        """What was handled next, if it has come; ValueError if it is not what was sent before."""
-        wanted = self._before[0]
-        come = self._come.get((wanted.publisher, wanted.topic))
-        if not come:
+        """The next message of the journal, if it has arrived; ValueError if it is another one."""
+        consumed = self._before[0]
+        arrived = self._arrived.get((consumed.publisher, consumed.topic))
+        if not arrived:
             return None
-        arrival = come.popleft()
-        if arrival.header.seq != wanted.seq:
+        arrival = arrived.popleft()
+        if arrival.header.seq != consumed.seq:
             raise ValueError(
-                f"{wanted.topic} {wanted.seq} of {wanted.publisher} must come next, as before; "
-                f"got {arrival.header.seq}"
+                f"{consumed.topic} {consumed.seq} of {consumed.publisher} must come next, as "
+                f"before; got {arrival.header.seq}"
             )
         self._before.popleft()
         return arrival
 
     def rest(self) -> list[bus.Received]:
-        """What has come beyond the journal: each publisher's in its order."""
-        return [arrival for come in self._come.values() for arrival in come]
+        """Messages after the journal, of each publisher in their order."""
+        return [arrival for arrived in self._arrived.values() for arrival in arrived]
 
 
 class OutsideMessages:
-    """What tools have a node publish, beyond its death: each has its number on its topic again.
+    """Messages that tools request of a node, which keep their numbers after its death.
 
     Raises OSError if its file, beside the journal, cannot be read or written.
     """
 
     def __init__(self, journal: Path) -> None:
         self._log = bus.ParameterLog(journal, "o")
-        had = [msgspec.json.decode(one, type=bus.OutsideMessage) for one in self._log.before]
-        self._had = {(one.topic, one.seq): one for one in had}
+        messages = [msgspec.json.decode(x, type=bus.OutsideMessage) for x in self._log.before]
+        self._earlier = {(message.topic, message.seq): message for message in messages}
 
     @property
     def left(self) -> bool:
-        """Whether an earlier start had published something that has not been again."""
-        return bool(self._had)
+        """Whether messages of an earlier start are still to be published again."""
+        return bool(self._earlier)
 
     def note(self, parcel: Outgoing, seq: int) -> None:
-        """Put down what is about to be published, with its number on the topic."""
+        """Write a message before it is published, with its number on the topic."""
         message = bus.OutsideMessage(parcel.topic, seq, parcel.body, parcel.schema)
         self._log.note(msgspec.json.encode(message))
 
     def due(self, count: Callable[[str], int]) -> Iterator[Outgoing]:
-        """What comes next on its topic, of which `count` messages have been published."""
-        for topic in dict.fromkeys(topic for topic, _ in self._had):
-            while (one := self._had.pop((topic, count(topic)), None)) is not None:
-                yield Outgoing(topic, one.body, 0.0, one.schema, outside=True)
+        """Messages that are next on their topics; `count` returns numbers of published messages."""
+        for topic in dict.fromkeys(topic for topic, _ in self._earlier):
+            while (message := self._earlier.pop((topic, count(topic)), None)) is not None:
+                yield Outgoing(topic, message.body, 0.0, message.schema, outside=True)
 
     def close(self) -> None:
         """Close the file."""

@@ -1,8 +1,8 @@
-"""For tests of nodes: drive one by plain calls, make messages, and compare them bit by bit.
+"""Functions for tests of nodes: drive nodes by calls, make messages, and compare them bit by bit.
 
-Nothing here has a socket. Every message is encoded and decoded on its way in and out, held back
-until the node's needs have come, and refused if it is not what the node declares. A node can be
-fed with what another one received in a recording, too.
+There are no sockets. Messages are encoded and decoded on their way in and out, held until the
+node's needs have arrived, and refused if they violate the node's declaration. A node can also get
+the messages of a node in a recording.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ from palpate.nodes.runtime.node import (
 from palpate.nodes.runtime.sources import SourceWork
 from palpate.nodes.runtime.work import NodeWork, Outgoing, recorded_changes
 
-# Topic, as the node calls it, and message each, in the order in which they were published.
+# Pairs of the node's name of a topic and a message, in the order of publication.
 Published = list[tuple[str, Any] | Finished]
 Message = TypeVar("Message")
 _PLAIN: dict[str, Any] = {"number": 0.0, "integer": 0, "boolean": False, "string": "", "array": ()}
@@ -56,18 +56,18 @@ def drive(
     *,
     most: int | None = None,
 ) -> Published:
-    """What a node publishes from its start on, given what it receives.
+    """Outputs of a node from its start on, with some inputs.
 
-    `inputs` are pairs of the topic, as the node calls it, and the message; a source has none.
-    Finished is passed over, so that what one node publishes can be given to the next. `params` are
-    as a launch file has them, or an instance of the node's own type; None for all defaults. A
-    source is asked for no more than `most` messages: what comes from outside may never end.
+    `inputs`: pairs of the node's name of a topic and a message; a source has none. Finished is
+    ignored, so that outputs of a node can be inputs of the next. `params`: as in a launch file, or
+    an instance of the node's own type; None: defaults. `most`: maximum number of messages of a
+    source, which may never end.
 
-    Returns pairs of topic and message, read-only as a subscriber gets them, and Finished.
+    Returns pairs of topic and message, read-only as for subscribers, and Finished.
 
-    Raises ValueError if the parameters are not the node's, the node does not subscribe to a topic,
-    or a message is not of its type; ContractError if the node publishes what it does not declare.
-    What its handlers raise is handed on.
+    Raises ValueError if the parameters do not suit the node, the node does not subscribe to a
+    topic, or a message has another type; ContractError if the node violates its declaration; and
+    exceptions of its handlers.
     """
     if isinstance(node, Source):
         if list(inputs):
@@ -76,7 +76,7 @@ def drive(
     work = _work_of(node, params)
     counts = Counter[str]()
     published = work.begin()
-    for topic, message in (one for one in inputs if not isinstance(one, Finished)):
+    for topic, message in (item for item in inputs if not isinstance(item, Finished)):
         published += work.take(_arrival(node, topic, message, counts[topic]))
         counts[topic] += 1
     return decoded_outputs(node, published)
@@ -85,23 +85,22 @@ def drive(
 def drive_together(
     nodes: Iterable[tuple[Node, object]], inputs: Iterable[tuple[str, object] | Finished] = ()
 ) -> Published:
-    """What several nodes publish, each message handed at once to those that subscribe to it.
+    """Outputs of several nodes, each of which is handled at once by its subscribers.
 
-    `nodes` are pairs of a node and its parameters, as `drive` takes them; `inputs` come one after
-    the other, each once all that followed from the one before is done. Raises as `drive` does, but
-    for a topic that none of them subscribes to, which is only returned.
+    `nodes`: pairs of a node and its parameters, as of `drive`. `inputs`: handled one by one, each
+    with all its consequences. Raises as `drive` does, except for topics without subscriber.
     """
     works = [(node, _work_of(node, params)) for node, params in nodes]
     published: Published = []
     counts = Counter[str]()
 
-    def hand_on(waiting: deque[tuple[str, object] | Finished]) -> None:
+    def deliver(waiting: deque[tuple[str, object] | Finished]) -> None:
         while waiting:
-            one = waiting.popleft()
-            published.append(one)
-            if isinstance(one, Finished):
+            output = waiting.popleft()
+            published.append(output)
+            if isinstance(output, Finished):
                 continue
-            topic, message = one
+            topic, message = output
             for node, work in works:
                 if topic in node.inputs:
                     arrival = _arrival(node, topic, message, counts[topic])
@@ -109,48 +108,48 @@ def drive_together(
             counts[topic] += 1
 
     begun = [decoded_outputs(node, work.begin()) for node, work in works]
-    hand_on(deque(one for each in begun for one in each))
-    for given in inputs:
-        hand_on(deque([given]))
+    deliver(deque(output for outputs in begun for output in outputs))
+    for item in inputs:
+        deliver(deque([item]))
     return published
 
 
 def _work_of(node: Node, params: object) -> NodeWork:
-    given = params_of(node, params)
+    decoded = params_of(node, params)
     edges = [Input("test", topic, topic, cls.__name__) for topic, (cls, _) in node.inputs.items()]
-    return NodeWork(node, given, lone_wiring(given, edges, node.outputs))
+    return NodeWork(node, decoded, lone_wiring(decoded, edges, node.outputs))
 
 
 def _published_by(
     source: Source, params: Any, most: int | None
 ) -> Iterator[tuple[str, Any] | Finished]:
-    """What a source publishes until it ends, or has published so much; nothing is waited for."""
+    """The first `most` messages of a source, without waiting for their times."""
     outputs = source.outputs(params)
     work = SourceWork(source, params, lone_wiring(params, (), outputs))
     list(work.begin())
-    for one in islice(work.all(), most):
-        if isinstance(one, Finished):
-            yield one
+    for output in islice(work.all(), most):
+        if isinstance(output, Finished):
+            yield output
             return
-        yield one.topic, decode(outputs[one.topic], one.body)
+        yield output.topic, decode(outputs[output.topic], output.body)
 
 
 def _arrival(node: Node, topic: str, message: object, seq: int) -> Received:
-    """A message on its way to a node."""
+    """An encoded message to a node."""
     if topic not in node.inputs:
         known = ", ".join(node.inputs) or "nothing"
         raise ValueError(f"the node does not subscribe to {topic}; it subscribes to {known}")
-    wanted = node.inputs[topic][0]
-    if type(message) is not wanted:
+    cls = node.inputs[topic][0]
+    if type(message) is not cls:
         raise ValueError(
-            f"the node subscribes to {topic} as {wanted.__name__}, got a {type(message).__name__}"
+            f"the node subscribes to {topic} as {cls.__name__}, got a {type(message).__name__}"
         )
-    header = Header(0, 0, seq, 0, 0.0, codec_of(wanted).hash)
+    header = Header(0, 0, seq, 0, 0.0, codec_of(cls).hash)
     return Received("test", topic, header, encode(message))
 
 
 def params_of(node: Node | Source, params: object) -> Any:
-    """The parameters on their way to a process and back; ValueError if not the node's."""
+    """The parameters, encoded and decoded; ValueError if they do not suit the node."""
     try:
         data = msgspec.msgpack.encode({} if params is None else params)
         return msgspec.msgpack.decode(data, type=node.params)
@@ -159,18 +158,20 @@ def params_of(node: Node | Source, params: object) -> Any:
 
 
 def decoded_outputs(node: Node, published: Iterable[Outgoing | Finished]) -> Published:
-    """What subscribers get of what a node by itself publishes."""
+    """Decoded outputs of a single node."""
     return [
-        one if isinstance(one, Finished) else (one.topic, decode(node.outputs[one.topic], one.body))
-        for one in published
+        item
+        if isinstance(item, Finished)
+        else (item.topic, decode(node.outputs[item.topic], item.body))
+        for item in published
     ]
 
 
 def example(cls: type[Message], **fields: object) -> Message:
-    """A message of which only the given fields matter.
+    """A message with some fields set.
 
-    The others are 0, empty, the first word that is allowed or, if they have one, their default. An
-    array has no rows where its type leaves their number open.
+    Other fields have their default, or are 0, empty, or the first allowed word. An array with any
+    number of rows has none.
 
     Raises ValueError if the type has no such field, or a value does not fit.
     """
@@ -178,18 +179,18 @@ def example(cls: type[Message], **fields: object) -> Message:
     unknown = sorted(fields.keys() - described.keys())
     if unknown:
         raise ValueError(f"a {cls.__name__} has no {unknown[0]}; it has {', '.join(described)}")
-    open_ = [
+    required = [
         field.name
         for field in dataclasses.fields(cls)  # type: ignore[arg-type]
         if field.default is field.default_factory is dataclasses.MISSING
     ]
-    message = cls(**{**{name: _plain(described[name]) for name in open_}, **fields})
+    message = cls(**{**{name: _simplest(described[name]) for name in required}, **fields})
     encode(message)
     return message
 
 
-def _plain(rule: dict[str, Any]) -> Any:
-    """The plainest value that a field of this schema may have."""
+def _simplest(rule: dict[str, Any]) -> Any:
+    """The simplest value of a field with this schema."""
     if "anyOf" in rule:
         return None
     if "enum" in rule:
@@ -201,26 +202,29 @@ def _plain(rule: dict[str, Any]) -> Any:
 
 def messages_on(published: Sequence[tuple[str, Any] | Finished], topic: str) -> list[Any]:
     """The messages on one topic, in their order."""
-    return [one[1] for one in published if not isinstance(one, Finished) and one[0] == topic]
+    outputs = (item for item in published if not isinstance(item, Finished))
+    return [message for its_topic, message in outputs if its_topic == topic]
 
 
 def assert_same(
     published: Sequence[tuple[str, object] | Finished],
     expected: Sequence[tuple[str, object] | Finished],
 ) -> None:
-    """Compare what was published with what is expected, bit by bit.
+    """Compare outputs with expected ones, bit by bit.
 
-    Raises AssertionError with the first message, and the first field in it, that differs.
+    Raises AssertionError with the first different message and field.
     """
-    for number, (one, other) in enumerate(zip(published, expected, strict=False)):
-        if _named(one) != _named(other):
-            raise AssertionError(f"{number}: published {_named(one)}, expected {_named(other)}")
-        if isinstance(one, Finished) or isinstance(other, Finished):
+    for number, (now, then) in enumerate(zip(published, expected, strict=False)):
+        if _named(now) != _named(then):
+            raise AssertionError(f"{number}: published {_named(now)}, expected {_named(then)}")
+        if isinstance(now, Finished) or isinstance(then, Finished):
             continue
-        found = first_difference(type(one[1]), encode(one[1]), encode(other[1]))
-        if found is not None:
-            field, now, then = found
-            raise AssertionError(f"{number}: {one[0]} {field}: published {now}, expected {then}")
+        difference = first_difference(type(now[1]), encode(now[1]), encode(then[1]))
+        if difference is not None:
+            field, *values = difference
+            raise AssertionError(
+                f"{number}: {now[0]} {field}: published {values[0]}, expected {values[1]}"
+            )
     rest = published[len(expected) :] or expected[len(published) :]
     if rest:
         more = "more was published" if len(published) > len(expected) else "not published"
@@ -229,13 +233,13 @@ def assert_same(
         )
 
 
-def _named(one: tuple[str, object] | Finished) -> str:
-    if isinstance(one, Finished):
-        return f"Finished({one.reason!r})"
-    return f"a {type(one[1]).__name__} on {one[0]}"
+def _named(output: tuple[str, object] | Finished) -> str:
+    if isinstance(output, Finished):
+        return f"Finished({output.reason!r})"
+    return f"a {type(output[1]).__name__} on {output[0]}"
 
 
-TOPICS_FILE = "topics.mcap"  # The recording in a run directory
+TOPICS_FILE = "topics.mcap"  # recording in a run directory
 RecordingPath = str | os.PathLike[str]
 
 
@@ -248,9 +252,9 @@ def recorded(recording: RecordingPath, topic: str, cls: type[Message]) -> list[M
 
 
 def recorded(recording: RecordingPath, topic: str, cls: Any = None) -> list[Any]:
-    """The messages of one topic, as on the wire, of a recording or a run directory, in their order.
+    """The messages on one topic on the wire, of a recording or a run directory, in their order.
 
-    Their type is needed only for types of one's own.
+    `cls`: their type, which is needed only for a user's own types.
 
     Raises ValueError if the recording cannot be read, has no such topic, or its messages are of
     another type.
@@ -265,11 +269,11 @@ def recorded(recording: RecordingPath, topic: str, cls: Any = None) -> list[Any]
 def feed(
     node: Node, recording: RecordingPath, *, name: str | None = None, params: object = None
 ) -> Published:
-    """What a node publishes, as `drive` returns it, to what a node of a recording received.
+    """Outputs of a node, as of `drive`, to the messages that a node of a recording received.
 
-    `name` is the node of the recorded graph, or of a run directory's, whose place it takes. Without
-    a name it is its own, or, if it was not there, it subscribes to the topics that it declares. Its
-    parameters, if None, are those that were recorded where it takes its own place.
+    `name`: the node of the recorded graph whose place it takes; by default its own place, or, if it
+    was not in the graph, the topics that it declares. `params`: by default those recorded at its
+    own place.
 
     Raises ValueError if the recording cannot be read, or has no such place for the node.
     """
@@ -277,13 +281,13 @@ def feed(
     place = _recorded_place(bag, node, name)
     if params is None and place is not None and _holds(place, node):
         params = place.wiring(node.params).params
-    given = params_of(node, params)
+    decoded = params_of(node, params)
     edges = _inputs(bag, node, place)
-    wiring = lone_wiring(given, edges, node.outputs, place.name if place else "node")
-    work = NodeWork(node, given, wiring, recorded_changes(bag.messages(), node, wiring))
-    publishers = {one.topic: one.publisher for one in edges}
+    wiring = lone_wiring(decoded, edges, node.outputs, place.name if place else "node")
+    work = NodeWork(node, decoded, wiring, recorded_changes(bag.messages(), node, wiring))
+    publishers = {edge.topic: edge.publisher for edge in edges}
     published: list[Outgoing | Finished] = work.begin()
-    # Processes of one machine share the clock; the recorder may have another order.
+    # The clock of one machine gives the order, from which the recorder's may differ.
     for kept in sorted(bag.messages(), key=lambda kept: kept.sent_ns):
         if kept.topic in publishers:
             header = Header(kept.run, kept.epoch, kept.seq, kept.sent_ns, 0.0, kept.schema)
@@ -297,26 +301,26 @@ def _open(recording: RecordingPath) -> recordings.Recording:
 
 
 def _decoded(kept: recordings.RecordedMessage, cls: type | None) -> object:
-    wanted = cls or TYPES.get(kept.type)
-    if wanted is None:
+    known = cls or TYPES.get(kept.type)
+    if known is None:
         raise ValueError(
             f"{kept.topic} holds {kept.type}, which palpate does not have; name the type"
         )
-    if kept.schema != schema_hash(wanted):
-        raise ValueError(f"{kept.topic} is not a {wanted.__name__} of this version")
-    return decode(wanted, kept.body)
+    if kept.schema != schema_hash(known):
+        raise ValueError(f"{kept.topic} is not a {known.__name__} of this version")
+    return decode(known, kept.body)
 
 
 def _recorded_place(bag: recordings.Recording, node: Node, name: str | None) -> RecordedNode | None:
-    """The place in the recorded graph that the node takes; None if it was not there."""
+    """The place in the recorded graph that the node takes; None if there is none."""
     places = recorded_nodes(bag.graph) if bag.graph else ()
     if name is None:
-        own = [one for one in places if _holds(one, node)]
+        own = [item for item in places if _holds(item, node)]
         if len(own) > 1:
-            names = ", ".join(one.name for one in own)
+            names = ", ".join(item.name for item in own)
             raise ValueError(f"recording {bag.path} has {names}; say with name whose place to take")
         return own[0] if own else None
-    named = {one.name: one for one in places}
+    named = {item.name: item for item in places}
     if name not in named:
         known = ", ".join(named) or "none"
         raise ValueError(f"recording {bag.path} has no node {name!r}; it has {known}")
@@ -324,20 +328,20 @@ def _recorded_place(bag: recordings.Recording, node: Node, name: str | None) -> 
 
 
 def _holds(place: RecordedNode, node: Node) -> bool:
-    """Whether this very node was there; nothing is imported to find out."""
+    """Whether a place is of this node, without importing its module."""
     return getattr(sys.modules.get(place.module), "NODE", None) is node
 
 
 def _inputs(bag: recordings.Recording, node: Node, place: RecordedNode | None) -> tuple[Input, ...]:
-    """What the node receives of the recording."""
+    """The node's inputs in the recording."""
     own = (
         Input("recording", topic, topic, cls.__name__) for topic, (cls, _) in node.inputs.items()
     )
-    found = [one for one in own if one.topic in bag.counts]
+    edges = [edge for edge in own if edge.topic in bag.counts]
     if place is not None:
-        found = [one for one in place.inputs if one.local in node.inputs]
-    if not found and node.inputs:
-        whose = f"what {place.name} received in it" if place else "its topics"
-        wanted = ", ".join(node.inputs)
-        raise ValueError(f"recording {bag.path}: the node subscribes to {wanted}, none of {whose}")
-    return tuple(found)
+        edges = [edge for edge in place.inputs if edge.local in node.inputs]
+    if not edges and node.inputs:
+        source = f"what {place.name} received in it" if place else "its topics"
+        names = ", ".join(node.inputs)
+        raise ValueError(f"recording {bag.path}: the node subscribes to {names}, none of {source}")
+    return tuple(edges)

@@ -1,6 +1,5 @@
-"""What parameters of nodes and scenes describe.
+"""Descriptions in parameters of nodes and scenes: objects, sensors, effects and tactile frames.
 
-Objects, sensors, effects, files of tactile frames. To be touched: ranges and defaults of the
-structures, which check what they are given; a new solid is a structure and a `build_` function in
-`solids`. Rests on `palpate.core.shapes` and `palpate.core.touch`, imported when a scene needs them.
+They check their ranges, and have the defaults. A new solid is a structure with a method `build` in
+`objects` or `primitives`. This package uses `palpate.core.shapes` and `palpate.core.touch`.
 """

@@ -1,11 +1,12 @@
-"""The object of a scene as data: a solid, a tree of solids or a mesh, perhaps deformed.
+"""Descriptions of the object of a scene: a solid, a tree of solids or a mesh, maybe deformed.
 
-The structures check what they are given; `build_shape` makes of an object what can be touched.
+The structures check their values; `build_shape` makes the shape that can be touched.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Annotated, TypeAlias
 
@@ -38,24 +39,31 @@ Shift = Annotated[float, Meta(description="m")]
 Degrees = Annotated[float, Meta(ge=-360, le=360, description="degrees")]
 Exponent = Annotated[float, Meta(ge=0.02, le=2, description="1")]
 Seed = Annotated[int, Meta(ge=0, le=1 << 53)]
-# Farther off, a solid would lose the digits that its surface needs.
+# Farther away, the coordinates of a surface would have too few digits.
 WorldCoordinate = Annotated[float, Meta(ge=-1000, le=1000, description="m")]
-# Of a quaternion; so that its length, which must be 1, can be worked out.
+# Of a quaternion; the limits keep its length finite before it is checked.
 QuaternionPart = Annotated[float, Meta(ge=-10, le=10)]
 Quaternion = tuple[QuaternionPart, QuaternionPart, QuaternionPart, QuaternionPart]
 
-EXTENT_LEVEL = 4  # 5k faces: enough to tell how far an object reaches
-LEAST_REACH, MOST_REACH = 0.15, 10.0  # Of a finger whose reach fits the object, m
-REACH_OVER_EXTENT = 1.25  # The hand opens to 0.8 of the reach
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReachSettings:
+    """How the reach of the finger is fitted to the extents of an object."""
+
+    mesh_level: int = 4  # subdivisions of the mesh for the extents, of 5k faces
+    reach_ratio: float = 1.25  # of the reach to the extent: the hand opens to 0.8 of the reach
+    min_reach: float = 0.15  # [m]
+    max_reach: float = 10.0  # [m]
 
 
+DEFAULT_REACH = ReachSettings()
 IDENTITY = Pose.from_array(IDENTITY_POSE)
 
 
 class PoseSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Where the object's own frame stands in the world."""
+    """Pose of the object's own frame in the world."""
 
-    # x, y, z, m.
+    # x, y, z [m].
     position: tuple[WorldCoordinate, WorldCoordinate, WorldCoordinate] = (0.0, 0.0, 0.0)
     # Unit quaternion x, y, z, w.
     rotation: Quaternion = (0.0, 0.0, 0.0, 1.0)
@@ -66,44 +74,44 @@ class PoseSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
         rotation_matrix(np.array(self.rotation))
 
     def pose(self) -> Pose:
-        """The pose to compute with."""
+        """The pose."""
         return Pose(np.array(self.position), rotation_matrix(np.array(self.rotation)))
 
 
 class SolidSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """One solid at most, and where it stands."""
+    """At most one solid, and its pose."""
 
     sphere: SphereSpec | None = None
-    box: BoxSpec | None = None  # With sharp edges
+    box: BoxSpec | None = None  # with sharp edges
     cylinder: CylinderSpec | None = None
     cone: ConeSpec | None = None
-    superquadric: SuperquadricSpec | None = None  # A superquadric, perhaps tapered and bent
-    hyperquadric: HyperquadricSpec | None = None  # A sum of powers, perhaps with dents
-    generalised_cylinder: GeneralisedCylinderSpec | None = None  # A section moved along an axis
-    polyhedron: PolyhedronSpec | None = None  # A surface of polygons
-    # Where it stands in what it is a part of: for an object, in the world.
+    superquadric: SuperquadricSpec | None = None  # maybe tapered and bent
+    hyperquadric: HyperquadricSpec | None = None  # a sum of powers, maybe with dents
+    generalised_cylinder: GeneralisedCylinderSpec | None = None  # a section moved along an axis
+    polyhedron: PolyhedronSpec | None = None  # a surface of polygons
+    # In the frame of the whole; of an object, in the world.
     pose: PoseSpec = PoseSpec()
 
     def solid(self) -> Solid:
-        """The solid that is described, in its own frame; there is one."""
-        kinds = (getattr(self, kind) for kind in (*SOLID_KINDS, "box", "polyhedron"))
-        found: Solid = next(one.build() for one in kinds if one is not None)
-        return found
+        """The solid, in its own frame; there must be one."""
+        specs = (getattr(self, kind) for kind in (*SOLID_KINDS, "box", "polyhedron"))
+        solid: Solid = next(spec.build() for spec in specs if spec is not None)
+        return solid
 
 
 class SuperquadricSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """A superquadric about its frame's origin."""
 
-    size: tuple[Length, Length, Length]  # Semi-axes along x, y, z, m
-    # e1 along z and e2 across: 0.02 nearly a box, 1 an ellipsoid, 2 an octahedron.
+    size: tuple[Length, Length, Length]  # semi-axes along x, y, z [m]
+    # e1 along z and e2 across: 0.02 is nearly a box, 1 an ellipsoid, 2 an octahedron.
     exponents: tuple[Exponent, Exponent]
-    taper: tuple[TaperShare, TaperShare] = (0.0, 0.0)  # Widening of x and y at the top, as a share
-    bend: float = 0.0  # Curvature to which the tapered solid's axis is bent, 1/m
-    bend_direction: Degrees = 0.0  # Azimuth towards which its ends are bent, degrees
+    taper: tuple[TaperShare, TaperShare] = (0.0, 0.0)  # relative widening of x and y at the top
+    bend: float = 0.0  # curvature of the bent axis [1/m]
+    bend_direction: Degrees = 0.0  # azimuth towards which the ends are bent [degrees]
 
     def __post_init__(self) -> None:
         if self.bend != 0.0:
-            self.build()  # which refuses to fold it
+            self.build()  # raises ValueError if it folds
 
     def build(self) -> shapes.Superquadric | shapes.DeformedSuperquadric:
         """The solid, tapered, then bent."""
@@ -124,7 +132,7 @@ class TermSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 class DentSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """depth exp(-sum of the terms): a dent where they are all small."""
 
-    depth: Annotated[float, Meta(ge=-100, le=100)]  # Above 0 a dent, below 0 a bulge
+    depth: Annotated[float, Meta(ge=-100, le=100)]  # above 0 a dent, below 0 a bulge
     terms: Annotated[tuple[TermSpec, ...], Meta(min_length=1, max_length=24)]
 
 
@@ -135,10 +143,10 @@ class HyperquadricSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     dents: Annotated[tuple[DentSpec, ...], Meta(max_length=8)] = ()
 
     def __post_init__(self) -> None:
-        self.build()  # which refuses what is empty or unbounded
+        self.build()  # raises ValueError if it is empty or unbounded
 
     def build(self) -> shapes.Hyperquadric:
-        """The hyperquadric that is described."""
+        """The hyperquadric."""
         dents = tuple(shapes.Dent(dent.depth, *_terms(dent.terms)) for dent in self.dents)
         return shapes.Hyperquadric(*_terms(self.terms), dents)
 
@@ -150,10 +158,10 @@ def _terms(terms: tuple[TermSpec, ...]) -> tuple[np.ndarray, np.ndarray]:
 class SectionSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """A cross-section: radii at even azimuths, or a superellipse."""
 
-    # Distances from the axis, the first along x, counter-clockwise, m.
+    # Distances from the axis, counter-clockwise from x [m].
     radii: Annotated[tuple[Length, ...], Meta(min_length=3, max_length=64)] | None = None
-    size: tuple[Length, Length] | None = None  # Semi-axes of the superellipse along x and y, m
-    # Of the superellipse: 0.02 nearly a rectangle, 1 an ellipse, 2 a rhombus.
+    size: tuple[Length, Length] | None = None  # semi-axes of the superellipse along x and y [m]
+    # Of the superellipse: 0.02 is nearly a rectangle, 1 an ellipse, 2 a rhombus.
     exponent: Exponent = 1.0
 
     def __post_init__(self) -> None:
@@ -163,19 +171,19 @@ class SectionSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
 class GeneralisedCylinderSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """A section that is scaled as it moves along a straight axis."""
 
-    section: SectionSpec  # What is moved
-    # Heights along the axis, m, and the section's scale at each.
+    section: SectionSpec
+    # Heights along the axis [m], and the scale of the section at each.
     sweep: Annotated[tuple[tuple[Coordinate, SectionScale], ...], Meta(min_length=2, max_length=64)]
-    smooth: bool = False  # Whether a smooth curve joins the scales, not straight lines
-    # Angle between the axis and z, degrees; the sections stay level.
+    smooth: bool = False  # whether the scales are joined by a smooth curve
+    # Angle between the axis and z; the sections stay level [degrees].
     tilt: Annotated[float, Meta(ge=-75, le=75, description="degrees")] = 0.0
-    tilt_direction: Degrees = 0.0  # Azimuth towards which the axis leans, degrees
+    tilt_direction: Degrees = 0.0  # azimuth towards which the axis leans [degrees]
 
     def __post_init__(self) -> None:
         self.build()
 
     def build(self) -> shapes.GeneralisedCylinder:
-        """The generalised cylinder that is described."""
+        """The generalised cylinder."""
         section: shapes.Section
         if self.section.radii is not None:
             section = shapes.SplineSection(np.array(self.section.radii))
@@ -195,29 +203,29 @@ class GeneralisedCylinderSpec(Struct, frozen=True, kw_only=True, forbid_unknown_
 class PolyhedronSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """A closed surface of plane polygons."""
 
-    # m.
+    # In m.
     vertices: Annotated[
         tuple[tuple[Coordinate, Coordinate, Coordinate], ...], Meta(min_length=4, max_length=1024)
     ]
-    # Corners by number, from 0, counter-clockwise seen from outside.
+    # Indices of corners, counter-clockwise seen from outside.
     faces: Annotated[tuple[tuple[int, ...], ...], Meta(min_length=4, max_length=2048)]
 
     def __post_init__(self) -> None:
         self.build()
 
     def build(self) -> shapes.Polyhedron:
-        """The polyhedron that is described."""
+        """The polyhedron."""
         return shapes.Polyhedron(np.array(self.vertices), self.faces)
 
 
 def exactly_one(spec: Struct, what: str, names: tuple[str, ...]) -> str:
-    """The one of a description's words that is given; ValueError if none is, or several."""
-    given = [name for name in names if getattr(spec, name) is not None]
-    if len(given) == 1:
-        return given[0]
+    """The only key of a description that is set; ValueError if none or several are."""
+    present = [name for name in names if getattr(spec, name) is not None]
+    if len(present) == 1:
+        return present[0]
     raise ValueError(
         f"{what} is exactly one of {', '.join(names[:-1])} and {names[-1]}; "
-        f"got {' and '.join(given) or 'none of them'}"
+        f"got {' and '.join(present) or 'none of them'}"
     )
 
 
@@ -227,18 +235,18 @@ SOLID_KINDS = (
 OBJECT_KINDS = (
     *SOLID_KINDS, "box", "capsule", "torus", "boolean", "polyhedron", "mesh"
 )  # fmt: skip
-# Solids without a function: they are nothing but their faces
+# Solids without an implicit function.
 FACETED = ("box", "capsule", "torus", "polyhedron", "mesh")
 COMBINATIONS = ("union", "intersection", "difference")
 PART_KINDS = (*SOLID_KINDS, "box", "polyhedron", "half_space", *COMBINATIONS, "complement")
 
 
 class LayerSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What happens to one layer of a control lattice."""
+    """Deformation of one layer of a control lattice."""
 
-    scale: Annotated[float, Meta(gt=0, le=10)] = 1.0  # Widens the layer
-    shift: tuple[Shift, Shift] = (0.0, 0.0)  # Moves it along x and y, m
-    turn: Annotated[float, Meta(ge=-180, le=180)] = 0.0  # Turns it about z, degrees
+    scale: Annotated[float, Meta(gt=0, le=10)] = 1.0  # of the layer
+    shift: tuple[Shift, Shift] = (0.0, 0.0)  # along x and y [m]
+    turn: Annotated[float, Meta(ge=-180, le=180)] = 0.0  # about z [degrees]
 
     def __post_init__(self) -> None:
         if not np.isfinite(self.shift).all():
@@ -253,28 +261,28 @@ class MeshSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 
 class ObjectSpec(SolidSpec, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """One solid of one kind, perhaps deformed by a control lattice."""
+    """One solid, maybe deformed by a control lattice."""
 
     capsule: CapsuleSpec | None = None
     torus: TorusSpec | None = None
-    boolean: PartSpec | None = None  # A combination of solids
-    mesh: MeshSpec | None = None  # The solid as triangles
-    # Layers of 4 by 4 control points, from the bottom to the top; after taper and bend.
+    boolean: PartSpec | None = None  # a combination of solids
+    mesh: MeshSpec | None = None  # the solid as triangles
+    # Layers of 4 by 4 control points from bottom to top; they act after taper and bend.
     lattice: Annotated[tuple[LayerSpec, ...], Meta(min_length=4, max_length=64)] | None = None
-    # Whether rays meet the surface that a lattice deforms, not facets of it; some six times slower.
+    # Whether rays meet the deformed surface itself, not facets of it; about six times slower.
     exact: bool = False
 
     def __post_init__(self) -> None:
         kind = exactly_one(self, "an object", OBJECT_KINDS)
-        faceted = kind in FACETED
-        if self.lattice is not None and faceted:
+        is_faceted = kind in FACETED
+        if self.lattice is not None and is_faceted:
             raise ValueError(f"a lattice deforms no {kind}, which is only faces: leave one out")
         if self.exact and self.lattice is None:
             raise ValueError(
                 "exact is for an object with a lattice: leave it out, a "
-                f"{kind.replace('_', ' ')} is {'cast as it is' if faceted else 'exact anyway'}"
+                f"{kind.replace('_', ' ')} is {'cast as it is' if is_faceted else 'exact anyway'}"
             )
-        if self.boolean is not None:  # perhaps unbounded, empty or too large
+        if self.boolean is not None:  # it may be unbounded, empty or too large
             try:
                 build_boolean(self.boolean)
             except ValueError as error:
@@ -284,7 +292,7 @@ class ObjectSpec(SolidSpec, frozen=True, kw_only=True, forbid_unknown_fields=Tru
 
 
 def _check_folds(spec: ObjectSpec, layers: tuple[LayerSpec, ...]) -> None:
-    """Refuse a lattice that turns a part of the solid inside out, or squeezes it flat."""
+    """Raise ValueError for a lattice that folds or flattens a part of the solid."""
     share = splines.folded_share(_lattice(_implicit(spec), layers))
     if share > 0.0:
         raise ValueError(
@@ -294,22 +302,25 @@ def _check_folds(spec: ObjectSpec, layers: tuple[LayerSpec, ...]) -> None:
 
 
 def build_shape(spec: ObjectSpec) -> shapes.Shape:
-    """The solid that a description stands for, where it stands."""
+    """The solid of a description, at its pose."""
     return shapes.PosedShape(_shape_in_its_frame(spec), spec.pose.pose())
 
 
 @lru_cache(maxsize=64)
-def object_extents(spec: ObjectSpec) -> tuple[tuple[float, float, float], float]:
-    """Extents along x, y and z, to 0.1 mm or so, and the largest distance from the z axis, m."""
-    vertices = build_shape(spec).mesh(EXTENT_LEVEL).vertices
+def object_extents(
+    spec: ObjectSpec, mesh_level: int = DEFAULT_REACH.mesh_level
+) -> tuple[tuple[float, float, float], float]:
+    """Extents along x, y and z, to about 0.1 mm, and the largest distance from the z axis [m]."""
+    vertices = build_shape(spec).mesh(mesh_level).vertices
     x, y, z = np.ptp(vertices, axis=0).tolist()
     return (x, y, z), float(np.linalg.norm(vertices[:, :2], axis=1).max())
 
 
-def fitted_reach(spec: ObjectSpec) -> float:
-    """The finger's reach that an object asks for, m: the hand, which opens less, goes around it."""
-    size, aside = object_extents(spec)
-    return min(max(LEAST_REACH, REACH_OVER_EXTENT * max(aside, size[2])), MOST_REACH)
+def fitted_reach(spec: ObjectSpec, settings: ReachSettings = DEFAULT_REACH) -> float:
+    """The finger's reach for an object [m]: the hand, which opens less, fits around it."""
+    size, radius = object_extents(spec, settings.mesh_level)
+    reach = max(settings.min_reach, settings.reach_ratio * max(radius, size[2]))
+    return min(reach, settings.max_reach)
 
 
 def _shape_in_its_frame(spec: ObjectSpec) -> shapes.Shape:
@@ -331,9 +342,9 @@ def _implicit(spec: ObjectSpec) -> shapes.ImplicitShape:
     return spec.solid() if spec.boolean is None else build_boolean(spec.boolean)
 
 
-@lru_cache(maxsize=8)  # each check of a scene builds it again, and looks whether it is empty
+@lru_cache(maxsize=8)  # each check of a scene builds it again
 def build_boolean(spec: PartSpec) -> shapes.BooleanShape:
-    """The solid that a tree stands for. Raises ValueError if it is unbounded or empty."""
+    """The solid of a tree; ValueError if it is unbounded or empty."""
     return shapes.BooleanShape(_tree(spec, IDENTITY))
 
 
@@ -353,12 +364,14 @@ def _tree(spec: PartSpec, outer: Pose) -> shapes.Tree:
 
 
 def _lattice(base: shapes.ImplicitShape, layers: tuple[LayerSpec, ...]) -> splines.Lattice:
-    made = [splines.LatticeLayer(one.scale, math.radians(one.turn), one.shift) for one in layers]
-    return splines.layered_lattice(base.enclosure(), made)
+    return splines.layered_lattice(
+        base.enclosure(),
+        [splines.LatticeLayer(item.scale, math.radians(item.turn), item.shift) for item in layers],
+    )
 
 
 def encode_mesh(vertices: np.ndarray, faces: np.ndarray) -> MeshSpec:
-    """A mesh as the scene's data; vertices (n, 3) in m, faces (m, 3)."""
+    """A mesh as data of a scene; vertices (n, 3) [m], faces (m, 3)."""
     return MeshSpec(
         vertices=np.ascontiguousarray(vertices, "<f8").tobytes(),
         faces=np.ascontiguousarray(faces, "<i4").tobytes(),
@@ -366,10 +379,10 @@ def encode_mesh(vertices: np.ndarray, faces: np.ndarray) -> MeshSpec:
 
 
 class HalfSpaceSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """All that lies behind a plane."""
+    """The half space behind a plane."""
 
-    normal: tuple[float, float, float]  # Outwards, of any length
-    offset: Coordinate = 0.0  # Distance of the plane from the origin along the normal, m
+    normal: tuple[float, float, float]  # outward, of any length
+    offset: Coordinate = 0.0  # distance of the plane from the origin along the normal [m]
 
     def __post_init__(self) -> None:
         _half_space(self)
@@ -382,13 +395,13 @@ def _half_space(spec: HalfSpaceSpec, pose: Pose = IDENTITY) -> shapes.HalfSpace:
 
 
 class PartSpec(SolidSpec, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A solid of a tree, or a combination of others."""
+    """A solid of a tree, or a combination of parts."""
 
     half_space: HalfSpaceSpec | None = None
-    union: Parts | None = None  # All that is in any of these
-    intersection: Parts | None = None  # All that is in each of these
-    difference: Parts | None = None  # All that is in the first and in no other
-    complement: PartSpec | None = None  # All that is not in this
+    union: Parts | None = None  # points in any part
+    intersection: Parts | None = None  # points in all parts
+    difference: Parts | None = None  # points in the first part and no other
+    complement: PartSpec | None = None  # points that are not in the part
 
     def __post_init__(self) -> None:
         word = exactly_one(self, "a part of a boolean", PART_KINDS)
@@ -397,7 +410,7 @@ class PartSpec(SolidSpec, frozen=True, kw_only=True, forbid_unknown_fields=True)
 
 
 def _refuse_duplicates(word: str, parts: tuple[PartSpec, ...]) -> None:
-    """Refuse the same part in the same place, which says nothing and takes long to mesh."""
+    """Raise ValueError for two equal parts, which have no effect and take long to mesh."""
     for i, part in enumerate(parts):
         if part in parts[:i]:
             raise ValueError(

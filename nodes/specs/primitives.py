@@ -1,12 +1,13 @@
-"""Solids by their usual names and measures, each centred on the origin of its frame.
+"""Primitive solids, each centred on the origin of its frame.
 
 Sphere, box, cylinder and cone are exact, and may be parts of a boolean. Capsule and torus are
-facets, so many that they lie within a ten-thousandth of the radius off the surface.
+facets, within a ten-thousandth of the radius from the surface.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from itertools import product
 from typing import Annotated
 
@@ -18,14 +19,21 @@ from palpate.core.arrays import Floats
 from palpate.core.geometry import close_rings
 
 Length = Annotated[float, Meta(gt=0, le=10, description="m")]
-AROUND, ALONG = 384, 192  # Facets around the axis, and along the rounded profile
 BOX_FACES = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FacetSettings:
+    """Numbers of facets of capsules and tori."""
+
+    n_around: int = 384  # the axis
+    n_along: int = 192  # the rounded profile
 
 
 class SphereSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """A ball."""
 
-    radius: Length  # m
+    radius: Length  # [m]
 
     def build(self) -> shapes.Superquadric:
         """The ball."""
@@ -35,7 +43,7 @@ class SphereSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 class BoxSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """A cuboid with sharp edges."""
 
-    size: tuple[Length, Length, Length]  # Whole edges along x, y, z, m
+    size: tuple[Length, Length, Length]  # edges along x, y, z [m]
 
     def build(self) -> shapes.Polyhedron:
         """The cuboid."""
@@ -46,8 +54,8 @@ class BoxSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 class CylinderSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """A round cylinder about z."""
 
-    radius: Length  # m
-    height: Length  # m
+    radius: Length  # [m]
+    height: Length  # [m]
 
     def build(self) -> shapes.GeneralisedCylinder:
         """The cylinder."""
@@ -55,11 +63,11 @@ class CylinderSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
 
 
 class ConeSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A round cone about z, pointed or cut off."""
+    """A round cone about z, pointed or truncated."""
 
-    radius: Length  # Of the base, m
-    height: Length  # m
-    top: Annotated[float, Meta(ge=0, le=10, description="m")] = 0.0  # Radius of the upper end, m
+    radius: Length  # of the base [m]
+    height: Length  # [m]
+    top: Annotated[float, Meta(ge=0, le=10, description="m")] = 0.0  # radius of the upper end [m]
 
     def build(self) -> shapes.GeneralisedCylinder:
         """The cone."""
@@ -73,10 +81,10 @@ def _turned(radius: float, height: float, top: float) -> shapes.GeneralisedCylin
 
 
 class CapsuleSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A cylinder about z with a half ball at either end."""
+    """A cylinder about z with a half ball at each end."""
 
-    radius: Length  # m
-    height: Length  # Over all, m
+    radius: Length  # [m]
+    height: Length  # total [m]
 
     def __post_init__(self) -> None:
         if self.height < 2.0 * self.radius:
@@ -85,21 +93,22 @@ class CapsuleSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
                 f"{2.0 * self.radius:g} m"
             )
 
-    def build(self) -> shapes.TriangleShape:
+    def build(self, facets: FacetSettings = FacetSettings()) -> shapes.TriangleShape:
         """The capsule as facets."""
-        turn = np.linspace(0.0, 0.5 * math.pi, ALONG // 2, endpoint=False)
+        turn = np.linspace(0.0, 0.5 * math.pi, facets.n_along // 2, endpoint=False)
         upper = 0.5 * self.height - self.radius + self.radius * np.sin(turn)
         radii = self.radius * np.cos(turn)
-        rings = _rings(np.append(-upper[::-1], upper), np.append(radii[::-1], radii))
+        heights = np.append(-upper[::-1], upper)
+        rings = _rings(heights, np.append(radii[::-1], radii), facets.n_around)
         pole = np.array([0.0, 0.0, 0.5 * self.height])
         return shapes.TriangleShape(*close_rings(-pole, rings, pole))
 
 
 class TorusSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A ring that lies around z."""
+    """A ring around z."""
 
-    radius: Length  # From the axis to the middle of the tube, m
-    tube: Length  # Radius of the tube, m
+    radius: Length  # from the axis to the middle of the tube [m]
+    tube: Length  # radius of the tube [m]
 
     def __post_init__(self) -> None:
         if self.tube >= self.radius:
@@ -108,21 +117,24 @@ class TorusSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
                 f"{self.radius:g} m"
             )
 
-    def build(self) -> shapes.TriangleShape:
+    def build(self, facets: FacetSettings = FacetSettings()) -> shapes.TriangleShape:
         """The torus as facets."""
-        turn = 2.0 * math.pi * np.arange(ALONG) / ALONG
-        rings = _rings(self.tube * np.sin(turn), self.radius + self.tube * np.cos(turn))
-        ring, place = np.divmod(np.arange(ALONG * AROUND), AROUND)
-        on, up = (place + 1) % AROUND, (ring + 1) % ALONG
-        a, b, c, d = (r * AROUND + p for r, p in ((ring, place), (ring, on), (up, on), (up, place)))
+        n_along, n_around = facets.n_along, facets.n_around
+        turn = 2.0 * math.pi * np.arange(n_along) / n_along
+        heights, radii = self.tube * np.sin(turn), self.radius + self.tube * np.cos(turn)
+        rings = _rings(heights, radii, n_around)
+        row, column = np.divmod(np.arange(n_along * n_around), n_around)
+        right, up = (column + 1) % n_around, (row + 1) % n_along
+        corners = (row, column), (row, right), (up, right), (up, column)
+        a, b, c, d = (r * n_around + p for r, p in corners)
         faces = np.concatenate([np.column_stack([a, b, c]), np.column_stack([a, c, d])])
         return shapes.TriangleShape(rings.reshape(-1, 3), faces.astype(np.int32))
 
 
-def _rings(heights: Floats, radii: Floats) -> Floats:
-    """Points (rings, AROUND, 3) on circles about z."""
-    turn = 2.0 * math.pi * np.arange(AROUND) / AROUND
-    circle = np.column_stack([np.cos(turn), np.sin(turn), np.zeros(AROUND)])
+def _rings(heights: Floats, radii: Floats, n_around: int) -> Floats:
+    """Points (rings, n_around, 3) on circles about z."""
+    turn = 2.0 * math.pi * np.arange(n_around) / n_around
+    circle = np.column_stack([np.cos(turn), np.sin(turn), np.zeros(n_around)])
     points = np.asarray(radii[:, None, None] * circle)
     points[:, :, 2] = heights[:, None]
     return points

@@ -1,10 +1,10 @@
-"""The fingertip's array, pad, calibration and effects as data; only listed effects are imported."""
+"""Descriptions of the fingertip's array, pad, calibration and effects."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import fields
+from dataclasses import dataclass, fields
 from typing import Annotated, Any
 
 import msgspec
@@ -18,54 +18,63 @@ from palpate.core.robot_time import RobotPreset
 from palpate.core.touch.effects import effect_type, rank
 from palpate.messages.types import SensorInfo
 
-# Widths of an array, m: with those that were tried between them, domed and flat, contours of a
-# ball, a box and a vase of 80 to 100 mm close.
+# Widths of arrays [m]: with the tested ones between them, domed and flat, contours of a ball, a box
+# and a vase of 80 to 100 mm close.
 MIN_WIDTH, MAX_WIDTH = 5.0e-3, 40.0e-3
-CONTACT_ERROR = 0.1e-3  # Standard deviation of a contact of the hand, m
-RESOLUTION = 0.01  # Of the pitch: points of contours are off by as much where there is no noise
 Gain = Annotated[float, Meta(ge=0, le=10, description="1")]
 Offset = Annotated[float, Meta(ge=-0.01, le=0.01, description="m")]
 # Parameters of each listed effect by its name, or by ``module:Class``.
 EffectSpecs = dict[str, dict[str, Any]]
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SensingSettings:
+    """Errors of contacts that are not stated by the sensor."""
+
+    contact_error: float = 0.1e-3  # standard deviation of a contact of the hand [m]
+    resolution_ratio: float = 0.01  # of the error of noiseless contour points to the pitch
+
+
+SENSING = SensingSettings()
+
+
 class PadSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """The elastic pad over the transducers."""
 
-    thickness: Annotated[float, Meta(ge=0.0005, le=0.05, description="m")] = 0.003  # Thickness, m
-    # Radius of the domed pad, m; null for a flat one.
+    thickness: Annotated[float, Meta(ge=0.0005, le=0.05, description="m")] = 0.003  # [m]
+    # Radius of a domed pad [m]; null: flat.
     radius: Annotated[float, Meta(gt=0, le=1, description="m")] | None = 0.015
-    # Speed of sound, m/s.
+    # Speed of sound [m/s].
     sound_speed: Annotated[float, Meta(ge=100, le=5000, description="m/s")] = 1000.0
-    # Largest compression, as a share of the thickness.
+    # Largest compression as a fraction of the thickness.
     saturation: Annotated[float, Meta(gt=0.4, le=0.95)] = 0.8
-    # Pressure for each metre of compression, N/m3: 0.2 MPa at 1 mm.
+    # Pressure over compression [N/m^3]: 0.2 MPa at 1 mm.
     stiffness: Annotated[float, Meta(ge=1e6, le=1e10, description="N/m3")] = 2e8
 
 
 class CalibrationSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What a calibration found; without one, the subscriber trusts the data sheet."""
+    """The result of a calibration; without one the data sheet is used."""
 
-    # Factor that corrects each taxel, rows of columns; 0 for a taxel not to be trusted.
+    # Factor of each taxel, rows of columns; 0 marks an unreliable taxel.
     gain: tuple[tuple[Gain, ...], ...]
-    offset: tuple[tuple[Offset, ...], ...]  # What is added to each taxel after that, m
-    # Speed of sound in the pad, m/s.
+    offset: tuple[tuple[Offset, ...], ...]  # added to each taxel after that [m]
+    # Speed of sound in the pad [m/s].
     sound_speed: Annotated[float, Meta(ge=100, le=5000, description="m/s")]
-    # Standard deviation of one taxel, m.
+    # Standard deviation of one taxel [m].
     noise: Annotated[float, Meta(ge=0, le=0.001, description="m")]
 
 
 class SensorSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """The fingertip's array."""
 
-    rows: Annotated[int, Meta(ge=4, le=64)] = 16  # Rows of taxels
-    cols: Annotated[int, Meta(ge=4, le=64)] = 16  # Columns of taxels
-    # Distance between neighbouring taxels, m.
+    rows: Annotated[int, Meta(ge=4, le=64)] = 16  # of taxels
+    cols: Annotated[int, Meta(ge=4, le=64)] = 16  # of taxels
+    # Distance between neighbouring taxels [m].
     pitch: Annotated[float, Meta(ge=0.0002, le=0.005, description="m")] = 0.001
-    pad: PadSpec = PadSpec()  # The pad
-    # What a taxel sends: the time of flight of its echo, or the force on it.
+    pad: PadSpec = PadSpec()
+    # Signal of a taxel: the time of flight of its echo, or the force on it.
     signal: touch.Signal = "time"
-    calibration: CalibrationSpec | None = None  # What its calibration found
+    calibration: CalibrationSpec | None = None
 
     def __post_init__(self) -> None:
         widths = [self.pitch * (count - 1) for count in (self.rows, self.cols)]
@@ -93,12 +102,12 @@ class SensorSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
             if len(table) != self.rows or any(len(row) != self.cols for row in table):
                 raise ValueError(
                     f"calibration.{name} must have {self.rows} rows of {self.cols}, "
-                    "as the array has; calibrate this sensor anew"
+                    "as the array; calibrate this sensor again"
                 )
 
 
 def pad_of_spec(sensor: SensorSpec) -> touch.Pad:
-    """The pad that a scene describes."""
+    """The pad of a scene."""
     radius = sensor.pad.radius
     return touch.Pad(
         rows=sensor.rows,
@@ -111,8 +120,8 @@ def pad_of_spec(sensor: SensorSpec) -> touch.Pad:
 
 
 def info_of(sensor: SensorSpec, noise: float, face: touch.FaceModel = touch.SPRINGS) -> SensorInfo:
-    """What subscribers are told: the calibration, or the data sheet and its noise, m."""
-    pad, found = pad_of_spec(sensor), sensor.calibration
+    """The message on a sensor: its calibration, or the data sheet and `noise` [m]."""
+    pad, calibration = pad_of_spec(sensor), sensor.calibration
     shape = (pad.rows, pad.cols)
     return SensorInfo(
         rows=pad.rows,
@@ -122,13 +131,13 @@ def info_of(sensor: SensorSpec, noise: float, face: touch.FaceModel = touch.SPRI
         dome=pad.dome,
         saturation=pad.saturation,
         signal=sensor.signal,
-        sound_speed=sensor.pad.sound_speed if found is None else found.sound_speed,
+        sound_speed=sensor.pad.sound_speed if calibration is None else calibration.sound_speed,
         taxel_stiffness=sensor.pad.stiffness * sensor.pitch**2,
-        gain=np.ones(shape) if found is None else np.array(found.gain, np.float64),
-        offset=np.zeros(shape) if found is None else np.array(found.offset, np.float64),
+        gain=np.ones(shape) if calibration is None else np.array(calibration.gain, np.float64),
+        offset=np.zeros(shape) if calibration is None else np.array(calibration.offset, np.float64),
         face=face.kind,
         face_decay=face.decay,
-        noise=noise if found is None else found.noise,
+        noise=noise if calibration is None else calibration.noise,
     )
 
 
@@ -145,13 +154,13 @@ def pad_of_info(info: SensorInfo) -> touch.Pad:
     )
 
 
-def resolution_of_info(info: SensorInfo) -> float:
-    """Smallest difference of a surface that the sensor tells, m."""
-    return max(RESOLUTION * info.pitch, info.noise)
+def resolution_of_info(info: SensorInfo, settings: SensingSettings = SENSING) -> float:
+    """Smallest error of a surface that the sensor can measure [m]."""
+    return max(settings.resolution_ratio * info.pitch, info.noise)
 
 
 def calibration_of_info(info: SensorInfo) -> touch.Calibration:
-    """What the signal of a SensorInfo means."""
+    """The calibration of a SensorInfo."""
     return touch.Calibration(
         signal=info.signal,
         thickness=info.thickness,
@@ -163,12 +172,12 @@ def calibration_of_info(info: SensorInfo) -> touch.Calibration:
 
 
 def describe_effects(listed: Mapping[str, Mapping[str, Any]]) -> dict[str, touch.Effect]:
-    """The listed effects in the order in which they act, whatever the order of the list.
+    """The listed effects in the order in which they act.
 
     Raises ValueError if there is no such effect, or a parameter is unknown or out of its range.
     """
     described = {name: _described(name, parameters) for name, parameters in listed.items()}
-    return dict(sorted(described.items(), key=lambda one: (one[1].phase, rank(one[0]), one[0])))
+    return dict(sorted(described.items(), key=lambda item: (item[1].phase, rank(item[0]), item[0])))
 
 
 def _described(name: str, parameters: Mapping[str, Any]) -> touch.Effect:
@@ -184,7 +193,7 @@ def _described(name: str, parameters: Mapping[str, Any]) -> touch.Effect:
         return msgspec.convert(in_base_units(kind, parameters), kind)
     except ValueError as error:
         raise ValueError(f"effects.{name}: {error}") from None
-    except Exception as error:  # a class of one's own may break in any way
+    except Exception as error:  # a user's own class may raise anything
         raise ValueError(f"the effect {name!r} cannot be made: {told_error(error)}") from error
 
 
@@ -195,13 +204,13 @@ def build_pipeline(
     finger: int = 1,
     seed: int = 0,
 ) -> touch.Pipeline:
-    """A finger with its effects; ValueError if one cannot be had, or not with this sensor."""
+    """A fingertip with its effects; ValueError if one is unavailable, or unsuited to the sensor."""
     owner = touch.Fingertip(pad_of_spec(sensor), data_sheet(sensor), robot, finger, seed)
     return touch.assemble(owner, tuple(describe_effects(listed).values()))
 
 
 def data_sheet(sensor: SensorSpec) -> touch.Calibration:
-    """What the sensor's signal means if every taxel is as it should be."""
+    """The calibration of the sensor by its data sheet."""
     return touch.Calibration(
         signal=sensor.signal,
         thickness=sensor.pad.thickness,
@@ -211,6 +220,6 @@ def data_sheet(sensor: SensorSpec) -> touch.Calibration:
 
 
 def sensed_face(pipeline: touch.Pipeline) -> touch.FaceModel:
-    """How the pad's face yields in what the array sends: forces show no skirt about a contact."""
-    by_force = pipeline.finger.calibration.signal == "force"
-    return touch.SPRINGS if by_force else pipeline.face
+    """The face model in the array's signal: forces have no skirt about a contact."""
+    is_force = pipeline.finger.calibration.signal == "force"
+    return touch.SPRINGS if is_force else pipeline.face

@@ -96,10 +96,10 @@ def started(*words: object, folder: Path = TOYS, **more: Any) -> subprocess.Pope
 def wait_for(what: Callable[[], Any]) -> Any:
     """The first true value of a function that is asked again and again."""
     deadline = time.monotonic() + WITHIN
-    while not (found := what()):
+    while not (result := what()):
         assert time.monotonic() < deadline, "it did not happen"
         time.sleep(0.01)
-    return found
+    return result
 
 
 def handled(card: RunCard, node: str, count: str = "messages") -> int:
@@ -158,15 +158,15 @@ def run(watcher: Recorder, runtime: Path) -> Callable[..., Ending]:
 
 
 def broken(how: str, upstream: str = "source", **more: object) -> Wiring:
-    given = {"on_exit": "stop", **more}
-    return wiring("broken", "palpate_toy_broken", {"how": how}, upstream, **given)
+    options = {"on_exit": "stop", **more}
+    return wiring("broken", "palpate_toy_broken", {"how": how}, upstream, **options)
 
 
 def sink(path: Path, upstream: str = "source", **params: object) -> Wiring:
     topic = f"/{upstream}"
     inputs = (Input(upstream, topic, topic, "TactileFrame"),)
-    given = {"path": str(path), **params}
-    return wiring("sink", "palpate_toy_sink", given, inputs=inputs, outputs={})
+    options = {"path": str(path), **params}
+    return wiring("sink", "palpate_toy_sink", options, inputs=inputs, outputs={})
 
 
 class Harm(threading.Thread):
@@ -182,8 +182,8 @@ class Harm(threading.Thread):
     def run(self) -> None:
         for name in self._names:
             time.sleep(self._rng.uniform(0.05, 0.4))
-            found = wait_for(lambda name=name: nodes_alive(name))
-            os.kill(self._rng.choice(found), self._signal)
+            alive = wait_for(lambda name=name: nodes_alive(name))
+            os.kill(self._rng.choice(alive), self._signal)
             self.count += 1
 
 
@@ -197,10 +197,10 @@ def finished(
     file: Path, out: Path, args: dict[str, Any], settings: dict[str, Any], *, composed: bool
 ) -> Run:
     """A run that came to its end without a gap."""
-    given = [
+    mapped = [
         {key: SourceMapped(value, key) for key, value in one.items()} for one in (args, settings)
     ]
-    plan = plan_run(file, *given, name=out.name, out=out)
+    plan = plan_run(file, *mapped, name=out.name, out=out)
     done = perform(plan, composed=composed, display=Display())
     assert (done.ending.status, done.ending.gaps) == ("finished", 0), done.ending.reason
     return done
@@ -227,12 +227,12 @@ def explored(tmp_path_factory: pytest.TempPathFactory) -> Callable[[int], Path]:
 
 def in_group(group: int) -> list[psutil.Process]:
     """The living processes of a group."""
-    found = []
-    for one in psutil.process_iter(["status"]):
+    processes = []
+    for process in psutil.process_iter(["status"]):
         with suppress(ProcessLookupError):
-            if os.getpgid(one.pid) == group and one.info["status"] != psutil.STATUS_ZOMBIE:
-                found.append(one)
-    return found
+            if os.getpgid(process.pid) == group and process.info["status"] != psutil.STATUS_ZOMBIE:
+                processes.append(process)
+    return processes
 
 
 @pytest.fixture

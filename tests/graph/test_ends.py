@@ -11,6 +11,7 @@ import pytest
 from palpate_toy import toy, wiring
 
 from palpate.launch.launcher import launch
+from palpate.launch.processes.node_status import SupervisionSettings
 from palpate.messages.types import TactileFrame
 from palpate.nodes.runtime.node import Input
 from tests.graph.conftest import broken, sink, started
@@ -123,10 +124,9 @@ def needy(need, upstream):
         ),
     ],
 )  # fmt: skip
-def test_stall_is_reported_with_who_waits_for_what(last, reasons, run, monkeypatch):
-    monkeypatch.setattr("palpate.launch.processes.supervisor.STALL", 0.6)
+def test_stall_is_reported_with_who_waits_for_what(last, reasons, run):
     graph = [source(5), toy("silent"), toy("waiting", upstream="silent"), last]
-    ending = run(graph)
+    ending = run(graph, settings=SupervisionSettings(stall_time=0.6))
     assert ending.status == "stalled"
     assert all(reason in ending.reason for reason in reasons)
 
@@ -147,15 +147,13 @@ def test_exception_of_the_watcher_ends_the_graph(run, watcher):
 
 
 @pytest.mark.parametrize(("declared", "mentions"), [(0.2, 1), (30.0, 0)])
-def test_silence_longer_than_declared_is_mentioned_once(
-    declared, mentions, run, watcher, monkeypatch
-):
-    monkeypatch.setattr("palpate.launch.processes.node_status.SILENCE", 0.4)
+def test_silence_longer_than_declared_is_mentioned_once(declared, mentions, run, watcher):
     slow = replace(counter(1, work=0.7), handler_timeout=declared)
-    assert run([source(1), slow]).status == "finished"
+    settings = SupervisionSettings(silence_limit=0.4)
+    assert run([source(1), slow], settings=settings).status == "finished"
     texts = [line.text for line in watcher.lines if "counter is still working" in line.text]
-    told = "counter is still working, or hangs: no sign of life for 0.4 s"
-    assert texts == [told] * mentions
+    mention = "counter is still working, or hangs: no sign of life for 0.4 s"
+    assert texts == [mention] * mentions
 
 
 def test_sink_writes_what_had_arrived_when_a_node_died(run, tmp_path):
@@ -198,11 +196,11 @@ LOST = replace(COUNTER, inputs=(Input("source", "/sauce", "/in", "TactileFrame")
 
 
 @pytest.mark.parametrize(("wirings", "ends", "watch", "words"), [
-    ([SOURCE, SOURCE], "source", [], "'source' is there twice"),
-    ([SOURCE], "sink", [], r"no node 'sink' that could end the graph; there are \['source'\]"),
-    ([replace(SOURCE, name="launcher")], "launcher", [], "no node may be called 'launcher'"),
+    ([SOURCE, SOURCE], "source", [], "'source' occurs twice"),
+    ([SOURCE], "sink", [], r"no node 'sink' that can end the graph; there are \['source'\]"),
+    ([replace(SOURCE, name="launcher")], "launcher", [], "no node may be named 'launcher'"),
     ([replace(SOURCE, name="two words")], "two words", [], "got 'two words'"),
-    ([SOURCE], "source", ["/model"], "nobody publishes /model"),
+    ([SOURCE], "source", ["/model"], "no node publishes /model"),
     ([SOURCE, TWICE], "source", [], "counter subscribes to /source twice"),
     ([SOURCE, LOST], "source", [],
      "counter subscribes to /sauce of source, who does not publish it"),

@@ -34,10 +34,10 @@ Bodies = dict[str, list[bytes]]
 
 def messages_in(run: Path) -> Bodies:
     """Every message of a run, by topic, in the order in which it was published."""
-    found: Bodies = {}
+    bodies: Bodies = {}
     for kept in open_recording(run / "topics.mcap").messages():
-        found.setdefault(kept.topic, []).append(kept.body)
-    return found
+        bodies.setdefault(kept.topic, []).append(kept.body)
+    return bodies
 
 
 def of_topic(bodies, topic):
@@ -118,8 +118,8 @@ class Keeping(Watcher):
 def scheduled(folder, file, ends, args, draw):
     """All that a run in one process publishes, its edges drawn by a generator, if given."""
     args |= {"record": False}
-    given = {name: SourceMapped(value, "") for name, value in args.items()}
-    graph = describe(file, given, folder).graph
+    arguments = {name: SourceMapped(value, "") for name, value in args.items()}
+    graph = describe(file, arguments, folder).graph
     few = FEW if file == EXPLORE else {}
     laid = {key: SourceMapped(value, "") for key, value in few.items()}
     wirings = override(graph, laid).wirings()
@@ -187,14 +187,14 @@ def test_replay_of_every_node_is_identical(fingers, explored):
 def test_whole_exploration_of_two_fingers_is_the_same_in_one_process(tmp_path):
     args = {"scene": "sphere", "fingers": 2}
     settings = {**FEW, "planner.settings.count": 2, "planner.most_touches": 100}
-    found = []
+    results = []
     for number in (False, True):
         out = tmp_path / f"run_{number}"
         finished(EXPLORE, out, args, settings, composed=number)
-        found.append(messages_in(out))
-    assert found[0] == found[1]
-    assert {contour.finger for contour in contours_of(found[0])} == {1, 2}
-    assert decode(ShapeModel, found[0]["/model/shape"][-1]).final
+        results.append(messages_in(out))
+    assert results[0] == results[1]
+    assert {contour.finger for contour in contours_of(results[0])} == {1, 2}
+    assert decode(ShapeModel, results[0]["/model/shape"][-1]).final
 
 
 @pytest.mark.parametrize(

@@ -41,9 +41,9 @@ def mesh_of(field: Callable[[Floats], Floats]) -> Mesh:
     low, high = np.array([-44.3, -44.3, -2.3]), np.array([44.3, 44.3, 84.3])
     shape = np.ceil((high - low) / 2.0).astype(int) + 1
     nodes = 2.0 * np.moveaxis(np.indices(shape), 0, -1).reshape(-1, 3) + low
-    found = grid_surface(field(nodes).reshape(shape))
-    places = 2.0 * found.vertices + low
-    return Mesh(1e-3 * (places - [0.0, 0.0, places[:, 2].min()]), found.faces)
+    mesh = grid_surface(field(nodes).reshape(shape))
+    places = 2.0 * mesh.vertices + low
+    return Mesh(1e-3 * (places - [0.0, 0.0, places[:, 2].min()]), mesh.faces)
 
 
 @pytest.mark.parametrize("field", [star, undercut_cone])

@@ -16,6 +16,7 @@ from palpate_toy import toy
 
 from palpate.launch.files.source_map import InputError
 from palpate.launch.hosts.addresses import free_endpoints, key_file, read_host
+from palpate.launch.processes.process_table import HostSettings
 from palpate.messages.bus import ControlClient, SocketContext, bind, make_key
 from tests.graph.conftest import started, wait_for
 
@@ -91,13 +92,12 @@ def test_node_killed_on_another_machine_loses_nothing(away, run, watcher):
 
 
 def test_another_key_or_none_is_refused(away, run, monkeypatch, tmp_path):
-    monkeypatch.setattr("palpate.launch.hosts.remote.HOST_PATIENCE", 0.5)
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "other.json"))
     with pytest.raises(ValueError, match=r"graph\.key cannot be used: No such file"):
         run(ring(away[0]))
     make_key(key_file())
     with pytest.raises(ValueError, match="gives no answer: palpate host must run there, with the"):
-        run(ring(away[0]))
+        run(ring(away[0]), host_settings=HostSettings(answer_time=0.5))
 
 
 @pytest.mark.slow
@@ -124,8 +124,8 @@ def test_subscriber_without_the_key_receives_nothing(key):
     publisher.send(b"secret")
     assert locked.poll(5000)
     assert not open_ear.poll(100)
-    for one in (publisher, locked, open_ear):
-        one.close(0)
+    for wire in (publisher, locked, open_ear):
+        wire.close(0)
     wires.close()
     wires = SocketContext()
     publisher = wires.context.socket(zmq.XPUB)
@@ -163,14 +163,12 @@ def test_machine_is_named_by_address_and_port():
             read_host(text)
 
 
-def test_free_ports_are_found_on_this_machine_alone(monkeypatch):
+def test_free_ports_are_found_on_this_machine_alone():
     ports = [int(one.rpartition(":")[2]) for one in free_endpoints("127.0.0.1", "abc").values()]
     assert len(set(ports)) == 3
     with pytest.raises(ValueError, match=r"8\.8\.8\.8 is no address of this machine"):
         free_endpoints("8.8.8.8", ["port"])
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
-        monkeypatch.setattr("palpate.launch.hosts.addresses.PORTS", [taken.getsockname()[1]])
-        monkeypatch.setattr("palpate.launch.hosts.addresses.TRIED_PORTS", 1)
         with pytest.raises(ValueError, match=r"127\.0\.0\.1 has no free port: 1 of"):
-            free_endpoints("127.0.0.1", ["port"])
+            free_endpoints("127.0.0.1", ["port"], [taken.getsockname()[1]], max_tries=1)

@@ -131,8 +131,8 @@ def test_stopped_unread_killed_and_interrupted_tools_leave_the_graph_untouched(r
         started(*echo, "--no-lost-messages") as interrupted,
     ):
         tools = (stopped, unread, killed, interrupted)
-        for one in tools:
-            assert one.stdout.readline().strip()
+        for tool in tools:
+            assert tool.stdout.readline().strip()
         stopped.send_signal(signal.SIGSTOP)
         killed.kill()
         interrupted.send_signal(signal.SIGINT)
@@ -143,13 +143,13 @@ def test_stopped_unread_killed_and_interrupted_tools_leave_the_graph_untouched(r
         assert unread.poll() is None
         stopped.send_signal(signal.SIGCONT)
         assert "messages lost on the way here" in first_report(stopped)
-        for one in tools:
-            one.kill()
+        for tool in tools:
+            tool.kill()
     assert {name: about["restarts"] for name, about in nodes_of(ring).items()} == {
         "source": 0, "relay": 0, "sink": 0,
     }  # fmt: skip
     with TapSubscription(ring, find_topics(ring, [STATUS_TOPIC])) as taps:
-        statuses = [decode(NodeStatus, one.body) for one in taps.take(WITHIN)]
+        statuses = [decode(NodeStatus, tool.body) for tool in taps.take(WITHIN)]
     assert statuses and all(status.gaps == 0 for status in statuses)
 
 
@@ -179,19 +179,19 @@ def test_without_a_graph_every_tool_says_so_in_one_sentence():
 @pytest.mark.slow
 def test_one_of_several_graphs_is_selected_and_its_end_ends_the_tool(runtime, monkeypatch):
     with launched(runtime) as first, launched(runtime) as second:
-        found = cards()
+        running = cards()
         done = palpate("topic", "list", "-c")
         assert done.code == 2
-        assert all(found[one.pid].run[:4] in done.err for one in (first, second))
-        for card in (found[first.pid], found[second.pid]):
+        assert all(running[one.pid].run[:4] in done.err for one in (first, second))
+        for card in (running[first.pid], running[second.pid]):
             pid = nodes_of(card)["source"]["pid"]
             assert f"  pid       {pid}\n" in output(f"node info source --run {card.run[:8]}")
         done = palpate("topic", "list", "--run", "graph")
         assert done.code == 2 and "several running graphs are called 'graph'" in done.err
         out = output("doctor --report")
         assert out.count("3 nodes, ") == 2 and f"launcher {first.pid}, since" in out
-        assert_restarted_node_is_received(found[second.pid])
-        run = found[first.pid].run
+        assert_restarted_node_is_received(running[second.pid])
+        run = running[first.pid].run
         with started("topic", "hz", "/relay", "/node/status", "--run", run) as hz:
             assert hz.stdout.readline().strip()
             first.send_signal(signal.SIGINT)

@@ -87,9 +87,9 @@ def test_recording_of_own_type_is_read_without_its_module(own, tmp_path):
 
 def test_frames_of_file_give_same_patches_at_their_rate(own, frames, tmp_path):
     words = ("driver.yaml", f"path:={frames}", FLAT, "--composed")
-    found = patches(launched(tmp_path, *words))
-    assert len(found) == TOUCHES
-    assert_same(found, patches(own))
+    published = patches(launched(tmp_path, *words))
+    assert len(published) == TOUCHES
+    assert_same(published, patches(own))
 
 
 def test_connection_gives_the_patches_of_its_lines(own, frames, tmp_path):
@@ -112,9 +112,9 @@ def test_own_driver_ends_with_a_solid_and_its_bound(tmp_path):
     assert palpate("init", "driver", "own_pad", folder=tmp_path).code == 0
     fast = ("--set", "own_pad.rate=1000", "--set", "reconstructor.quality=draft")
     run = launched(tmp_path, "own_pad.yaml", *fast, code=0)
-    found = read_summary(run)
-    assert (run / "mesh.stl").is_file() and found["touches"] == 60
-    assert found["rms_bound_95_m"] < 5e-5 and found["open_share"] == 0.0
+    summary = read_summary(run)
+    assert (run / "mesh.stl").is_file() and summary["touches"] == 60
+    assert summary["rms_bound_95_m"] < 5e-5 and summary["open_share"] == 0.0
     vertices = read_mesh(run / "mesh.ply", "m")[0]
     assert np.linalg.norm(vertices, axis=1) == pytest.approx(0.02, abs=1e-4)
 
@@ -125,8 +125,8 @@ def test_commands_that_init_prints_show_the_running_graph(kind, shown, tmp_path)
     work, elsewhere = tmp_path / "work", tmp_path / "elsewhere"
     work.mkdir()
     elsewhere.mkdir()
-    told = palpate("init", kind, f"live_{kind}", folder=work).out
-    launch, echo = re.findall(r"palpate ((?:launch|topic) .+)", told)
+    printed = palpate("init", kind, f"live_{kind}", folder=work).out
+    launch, echo = re.findall(r"palpate ((?:launch|topic) .+)", printed)
     with started(*launch.split(), "--quiet", folder=work) as graph:
         wait_for(running_graphs)
         assert re.search(
@@ -148,16 +148,16 @@ def test_example_frames_become_a_ring_whose_gaps_are_found(tmp_path):
     words = (f"path:={example}", "scale:=0.001", "platform:=0", "at_once:=true")
     draft = ("--set", "reconstructor.quality=draft")
     run = launched(tmp_path, "driver.yaml", *words, *draft, code=0)
-    found = read_summary(run)
-    places, normals = np.array(found["open_places_m"]), np.array(found["open_normals"])
-    assert found["touches"] == 200 and 0.05 < found["open_share"] < 0.12 and len(places) > 2
+    summary = read_summary(run)
+    places, normals = np.array(summary["open_places_m"]), np.array(summary["open_normals"])
+    assert summary["touches"] == 200 and 0.05 < summary["open_share"] < 0.12 and len(places) > 2
     outward = places - 0.062 * places / np.linalg.norm(places[:, :2], axis=1)[:, None]
     outward[:, 2] = places[:, 2] - 0.021
     assert (np.einsum("ni,ni->n", outward, normals) > 0.0).all()
     vertices = read_mesh(run / "mesh.ply", "m")[0]
     vertices = vertices[vertices[:, 2] > 1e-6]  # where it stands it is cut off
     off = np.hypot(np.linalg.norm(vertices[:, :2], axis=1) - 0.062, vertices[:, 2] - 0.021) - 0.021
-    assert np.sqrt(np.mean(off**2)) < found["rms_bound_95_m"] < 2e-4
+    assert np.sqrt(np.mean(off**2)) < summary["rms_bound_95_m"] < 2e-4
 
 
 OBJECT = """
@@ -207,21 +207,22 @@ def explored(folder: Path, out: str, *flags: object) -> dict[str, Any]:
 def test_disturbed_run_is_the_same_in_one_process_and_is_replayed(tmp_path):
     assert palpate("init", "effect", "hum", folder=tmp_path).code == 0
     (tmp_path / "scene.yaml").write_text(OBJECT + DISTURBED)
-    many, one = explored(tmp_path, "many"), explored(tmp_path, "one", "--composed", "--no-record")
-    assert many["mesh_sha256"] == one["mesh_sha256"]
+    many = explored(tmp_path, "many")
+    composed = explored(tmp_path, "one", "--composed", "--no-record")
+    assert many["mesh_sha256"] == composed["mesh_sha256"]
     assert (many["status"], many["gaps"]) == ("finished", 0)
     assert many["chamfer_m"] < 0.01 * many["size_m"]
     nodes = ("--nodes", "simulator,filter,curvature")
     replayed = palpate("replay", "many/topics.mcap", *nodes, folder=tmp_path)
     assert replayed.code == 0 and replayed.out.count("identical") == 3
     other = explored(tmp_path, "other", "--composed", "--no-record", "--seed", 6)
-    assert other["mesh_sha256"] != one["mesh_sha256"]
+    assert other["mesh_sha256"] != composed["mesh_sha256"]
 
 
 @pytest.mark.slow
 def test_dying_sensor_ends_the_run_with_what_was_known(tmp_path):
     (tmp_path / "dying.py").write_text(DYING)
     (tmp_path / "scene.yaml").write_text(OBJECT + "effects: ['dying:Dying']\n")
-    found = explored(tmp_path, "out", "--composed", "--no-record")
-    assert "the sensor of finger 1 failed: the pad was pressed and no taxel" in found["stderr"]
+    result = explored(tmp_path, "out", "--composed", "--no-record")
+    assert "the sensor of finger 1 failed: the pad was pressed and no taxel" in result["stderr"]
     assert (tmp_path / "out" / "mesh.ply").exists()

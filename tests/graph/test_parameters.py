@@ -50,9 +50,9 @@ def tuned(tmp_path_factory) -> Path:
             wait_for(lambda: handled(card, "filter") > 10)
             done = set_parameter(card, "filter", "contact", "1.0e-4")
             assert done.endswith("5.0e-05 -> 0.0001")
-            given = {"times": 2, "run": str(out), "echo": lambda _: None}
-            publish("/filter/parameter_events", SAID, rate=20.0, **given)
-            publish("plan/estimate", ESTIMATE, rate=1.0, **{**given, "times": 1})
+            options = {"times": 2, "run": str(out), "echo": lambda _: None}
+            publish("/filter/parameter_events", SAID, rate=20.0, **options)
+            publish("plan/estimate", ESTIMATE, rate=1.0, **{**options, "times": 1})
             os.kill(about(card)["pid"], signal.SIGKILL)
             wait_for(lambda: about(card)["restarts"] == 1)
             set_parameter(card, "filter", "order", "median")
@@ -137,13 +137,13 @@ def test_paced_frames_come_at_their_robot_time_and_are_the_same(composed, explor
     file, out = tmp_path / "paced.yaml", tmp_path / "run"
     file.write_text(f"include: {FINGERS}\nrate: {RATE}\n")
     finished(file, out, {"fingers": 1}, {}, composed=composed)
-    found = list(open_recording(out / "topics.mcap").messages())
-    began = next(one.sent_ns for one in found if one.topic == "/world")
-    for one in found:
-        if one.topic == "/touch/raw":
-            passed = 1e-9 * (one.sent_ns - began)
-            assert passed >= decode(TactileFrame, one.body).robot_time / RATE
-    assert all(one.identical for one in compare_recordings(explored(1), out).topics.values())
+    recorded = list(open_recording(out / "topics.mcap").messages())
+    began = next(message.sent_ns for message in recorded if message.topic == "/world")
+    for message in recorded:
+        if message.topic == "/touch/raw":
+            passed = 1e-9 * (message.sent_ns - began)
+            assert passed >= decode(TactileFrame, message.body).robot_time / RATE
+    assert all(topic.identical for topic in compare_recordings(explored(1), out).topics.values())
 
 
 @pytest.mark.parametrize("rate", ["0", "-1", "fast"])

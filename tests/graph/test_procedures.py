@@ -77,8 +77,8 @@ def test_limit_of_touches_is_kept(tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ("--tolerance 0.1mm", "--tolerance 0.1mm: --procedure planar explores in its own way"),
-        ("--budget 60s", "only --touches limits it"),
+        ("--tolerance 0.1mm", "--tolerance 0.1mm: --procedure planar does not use it"),
+        ("--budget 60s", "it uses only --touches"),
         ("--set procedure.settings.steps=3", "has no setting 'steps'; it has none"),
         ("--set planner.tolerance=1e-3", "there is no node 'planner'"),
     ],

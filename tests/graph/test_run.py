@@ -72,14 +72,14 @@ def test_run_directory_holds_everything_promised(run):
 
 def test_stock_reader_opens_the_recording(run):
     with (run.folder / "topics.mcap").open("rb") as file:
-        found = make_reader(file).get_summary()
-    assert found is not None and found.statistics is not None
+        contents = make_reader(file).get_summary()
+    assert contents is not None and contents.statistics is not None
     counts = {
-        channel.topic: found.statistics.channel_message_counts[channel.id]
-        for channel in found.channels.values()
+        channel.topic: contents.statistics.channel_message_counts[channel.id]
+        for channel in contents.channels.values()
     }
-    assert {channel.message_encoding for channel in found.channels.values()} == {"msgpack"}
-    assert {schema.encoding for schema in found.schemas.values()} == {"jsonschema"}
+    assert {channel.message_encoding for channel in contents.channels.values()} == {"msgpack"}
+    assert {schema.encoding for schema in contents.schemas.values()} == {"jsonschema"}
     assert counts["/touch/raw"] == counts["/touch/patch"] == run.summary["touches"]
     assert counts["/score"] == len(run.summary["curve"])
 

@@ -61,8 +61,8 @@ def test_signal_ends_the_graph_as_interrupted(
         else:
             launcher.send_signal(number)
     out, err = launcher.communicate(timeout=WITHIN)
-    told = f"interrupted - {number.name} was received\nthe environment is unchanged: True\n"
-    assert (out.removeprefix("ready\n"), err, launcher.returncode) == (told, "", 0)
+    expected = f"interrupted - {number.name} was received\nthe environment is unchanged: True\n"
+    assert (out.removeprefix("ready\n"), err, launcher.returncode) == (expected, "", 0)
     assert_nothing_left(launcher, runtime)
     assert [one.name for one in runtime.iterdir() if one.name != "lines.txt"] == []
 

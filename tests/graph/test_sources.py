@@ -12,6 +12,7 @@ import pytest
 from palpate_toy import frame, toy, wiring
 
 from palpate.launch.files.source_map import InputError
+from palpate.launch.processes.node_status import SupervisionSettings
 from palpate.launch.processes.registry import running_graphs
 from palpate.messages import Header, encode, schema_hash
 from palpate.messages.recording import RecordingWriter
@@ -23,10 +24,10 @@ from tests.graph.conftest import WITHIN, Harm, handled, wait_for
 pytestmark = pytest.mark.graph
 
 
-def bag(path, frames, every=0.001):
+def bag(path, frames, period=0.001):
     writer = RecordingWriter(path, {"/player": "TactileFrame"}, {}, {"version": "1"})
     for number in range(frames):
-        sent = 1 + round(1e9 * every * number)
+        sent = 1 + round(1e9 * period * number)
         header = Header(1, 0, number, sent, 0.0, schema_hash(TactileFrame))
         writer.write("/player", header, encode(frame(number)))
     writer.close()
@@ -69,7 +70,7 @@ def test_recording_is_played_to_its_last_message_at_its_times(run, watcher, tmp_
     times: list[float] = []
     received = watcher.received
     watcher.received = lambda *word: (times.append(time.monotonic()), received(*word))
-    path = bag(tmp_path / "a.mcap", 200, every=2e-3)
+    path = bag(tmp_path / "a.mcap", 200, period=2e-3)
     counter = toy("counter", upstream="player", expects=200)
     ending = run([counter, playing(path)], watch=["/player"])
     assert (ending.status, ending.reason) == ("finished", "played 200 messages")
@@ -121,9 +122,9 @@ def test_keys_step_pause_and_resume_a_recording_in_a_terminal(stack, tmp_path):
     assert terminal.wait(WITHIN) == 0
 
 
-def test_source_that_is_quiet_for_long_has_not_stalled(run, tmp_path, monkeypatch):
-    monkeypatch.setattr("palpate.launch.processes.supervisor.STALL", 0.1)
-    ending = run([playing(bag(tmp_path / "a.mcap", 3, every=0.4))], watch=["/player"])
+def test_source_that_is_quiet_for_long_has_not_stalled(run, tmp_path):
+    graph = [playing(bag(tmp_path / "a.mcap", 3, period=0.4))]
+    ending = run(graph, watch=["/player"], settings=SupervisionSettings(stall_time=0.1))
     assert (ending.status, ending.reason) == ("finished", "played 3 messages")
 
 

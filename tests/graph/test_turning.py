@@ -27,8 +27,8 @@ def test_underside_is_known_once_it_was_turned_over_and_all_of_it_is_replayed(tm
     scene.write_text(json.dumps(SCENE))
     done = palpate("run", scene, "--composed", "--out", out)
     assert done.code == 0, done.out + done.err
-    told = " ".join((done.out + done.err).split())
-    assert "1 turn" in told and "turned over at most once, where that pays" in told
+    words = " ".join((done.out + done.err).split())
+    assert "1 turn" in words and "turned over at most once, where that pays" in words
     summary = read_summary(out)
     assert summary["turns"] == 1 and len(summary["placements"]) == 1
     assert summary["placement_errors_m"][0] < 0.2e-3
@@ -45,8 +45,8 @@ def test_without_turns_the_underside_stays_unknown(tmp_path: Path):
     scene, out = tmp_path / "scene.yaml", tmp_path / "out"
     scene.write_text(json.dumps(SCENE))
     done = palpate("run", scene, "--composed", "--turns", "0", "--out", out)
-    told = " ".join((done.out + done.err).split())
-    assert done.code == 1 and "turned over never (--turns 0)" in told
+    words = " ".join((done.out + done.err).split())
+    assert done.code == 1 and "turned over never (--turns 0)" in words
     summary = read_summary(out)
     assert summary["turns"] == 0 and summary["placements"] == []
     assert [one["name"] for one in summary["criteria"] if not one["is_met"]] == ["underside"]

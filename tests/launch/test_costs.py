@@ -25,8 +25,8 @@ from palpate.launch.demand import (
 from palpate.launch.exchange_rate import (
     AXES,
     BOUND,
-    COSTS,
     ERROR,
+    HALVING_COSTS,
     cost_curve,
     draw_text,
     halving_lines,
@@ -166,8 +166,8 @@ TWO = [estimate(2, 20, 1e-3), estimate(3, 40, 1e-4)]
 
 def test_score_and_estimate_of_a_model_are_one_entry_at_its_time():
     estimates = [estimate(2, 20, 1e-3), estimate(3, 40, 5e-4, 12.0)]
-    spent = [(1.0, 2.0), (3.0, 6.0)]
-    first, second = curve(estimates, [scored(2, 20, 8e-4)], made={2: 1.5}, spent=spent)
+    times = {"model_times": {2: 1.5}, "compute_times": [(1.0, 2.0), (3.0, 6.0)]}
+    first, second = curve(estimates, [scored(2, 20, 8e-4)], **times)
     assert [one["rms_m"] for one in (first, second)] == [8e-4, None]
     assert [one["rms_bound_95_m"] for one in (first, second)] == [1e-3, 5e-4]
     assert [one["wall_s"] for one in (first, second)] == [1.5, 3.0]
@@ -196,9 +196,9 @@ def test_actual_cost_of_halving_stands_beside_its_forecast():
 
 
 def test_last_entry_of_finished_run_has_all_compute_time():
-    done, spent = example(PlanDone, number=3), [(2.0, 1.0), (3.0, 2.0)]
-    assert curve(TWO, spent=spent, done=done, compute=7.5)[-1]["compute_s"] == 7.5
-    assert curve(TWO, spent=spent, compute=7.5)[-1]["compute_s"] == 2.0
+    done, times = example(PlanDone, number=3), [(2.0, 1.0), (3.0, 2.0)]
+    assert curve(TWO, compute_times=times, done=done, compute=7.5)[-1]["compute_s"] == 7.5
+    assert curve(TWO, compute_times=times, compute=7.5)[-1]["compute_s"] == 2.0
     assert curve(TWO)[-1]["compute_s"] is None
     assert curve(compute=7.5) == []
 
@@ -207,9 +207,9 @@ def test_halvings_are_told_in_words():
     estimates = [estimate(2, 20, 1e-3, 16.0), estimate(3, 40, 4e-4, 12.3)]
     assert halving_lines(curve(estimates)) == [
         "next halving of the bound: about 12 touches, 37 s",
-        "last halving of the bound: foretold 16 touches, 48 s; took 20 touches, 40 s",
+        "last halving of the bound: expected 16 touches, 48 s; took 20 touches, 40 s",
     ]
-    none = "no further slice halves the bound, as far as can be told"
+    none = "no further slice is expected to halve the bound"
     assert halving_lines(curve(TWO[:1])) == [none]
     assert halving_lines([]) == []
 
@@ -221,9 +221,9 @@ def test_processor_time_is_added_up_by_steps():
         name: example(NodeStatus, cpu=seconds, steps=one)
         for (name, seconds), one in zip(cpu.items(), steps, strict=True)
     }
-    found = time_by_step(statuses)
+    by_step = time_by_step(statuses)
     expected = {"lattice": 3.0, "casting": 2.5, "ends": 1.25, "rest": 1.0}
-    assert list(found.items()) == list(expected.items())
+    assert list(by_step.items()) == list(expected.items())
     assert time_by_step({}) == {}
 
 
@@ -272,7 +272,7 @@ def test_curve_in_text_shows_error_bound_floor_and_costs():
     assert marks == sorted(marks) and len(marks) >= 3
 
 
-@pytest.mark.parametrize(("found", "shown", "hidden"), [
+@pytest.mark.parametrize(("facts", "shown", "hidden"), [
     (summary(CURVE[:1]), "*", "@ both"),
     (summary(truth=False), "o", "true error"),
     (summary(CURVE[:1], truth=False), "o", "sampling floor"),
@@ -280,10 +280,10 @@ def test_curve_in_text_shows_error_bound_floor_and_costs():
     (summary(sampling_floor_m=1e-9), "*", "floor"),
     (summary(sampling_floor_m=0.0), "*", "floor"),
 ])  # fmt: skip
-def test_curve_without_truth_bound_or_floor_is_drawn(found, shown, hidden):
-    text = "\n".join(draw_text(found))
+def test_curve_without_truth_bound_or_floor_is_drawn(facts, shown, hidden):
+    text = "\n".join(draw_text(facts))
     assert shown in text and hidden not in text
-    assert shown_by(draw_cost(found))
+    assert shown_by(draw_cost(facts))
 
 
 def shown_by(figure):
@@ -294,10 +294,10 @@ def shown_by(figure):
 
 def test_without_a_model_only_times_are_drawn():
     nothing = summary([entry(20, None, None)], steps={}, nodes={}, scene=None, compute_s=None)
-    for found in (nothing, {**nothing, "curve": [], "largest_untouched_m": None}):
-        assert draw_text(found) == []
-        assert any("no model was judged" in text for text in shown_by(draw_cost(found)))
-        assert list(draw_panels(found)) == ["Processor time by step of the work"]
+    for facts in (nothing, {**nothing, "curve": [], "largest_untouched_m": None}):
+        assert draw_text(facts) == []
+        assert any("no model was judged" in text for text in shown_by(draw_cost(facts)))
+        assert list(draw_panels(facts)) == ["Processor time by step of the work"]
 
 
 def lines_of(axes):
@@ -306,20 +306,20 @@ def lines_of(axes):
 
 
 def test_panels_have_a_mark_a_model_in_named_units():
-    found = summary(missed=["too coarse"])
-    for figure in (draw_cost(found), *draw_panels(found).values()):
+    facts = summary(missed=["too coarse"])
+    for figure in (draw_cost(facts), *draw_panels(facts).values()):
         for axes in (one for one in figure.axes if one.lines):
             axis = next(key for key, (name, _) in AXES.items() if name == axes.get_xlabel())
             lines = lines_of(axes)
             for label, key in (("true error (rms)", ERROR), ("error bound (95 %)", BOUND)):
                 models = np.array([(one[axis], 1e3 * one[key]) for one in CURVE])
                 assert lines[label] == pytest.approx(models)
-            assert ("next halving of the bound" in lines) == (axis in COSTS)
+            assert ("next halving of the bound" in lines) == (axis in HALVING_COSTS)
             (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
             for points in (lines[label] for label in lines if " mm" not in label):
                 assert ((left < points[:, 0]) & (points[:, 0] < right)).all()
                 assert ((low < points[:, 1]) & (points[:, 1] < high)).all()
-    texts = shown_by(draw_cost(found))
+    texts = shown_by(draw_cost(facts))
     assert "What accuracy cost: <vase> (finished, goal missed)" in texts
     assert {"rms error, mm", *(name for name, _ in AXES.values())} < {*texts}
     assert {"1.00 s (100%)", "0.00 s", "simulator", "filter", "casting", "rest"} < {*texts}
@@ -327,8 +327,8 @@ def test_panels_have_a_mark_a_model_in_named_units():
 
 
 def test_error_of_rounding_alone_lies_within_its_panel():
-    found = summary([entry(86, 6.5e-17, None)])
-    for figure in (draw_cost(found), *draw_panels(found).values()):
+    facts = summary([entry(86, 6.5e-17, None)])
+    for figure in (draw_cost(facts), *draw_panels(facts).values()):
         for axes in figure.axes:
             lowest, highest = sorted(axes.get_ylim())
             for line in axes.lines:
@@ -357,12 +357,12 @@ def test_levels_are_drawn_across_every_panel():
 
 
 def test_log_scale_has_round_ticks_and_room_for_its_values():
-    found = log_scale([20.0, 110.0])
-    assert 0.0 < found.share(20.0) < found.share(110.0) < 1.0
-    middle = found.share((20.0 * 110.0) ** 0.5)
-    assert middle == pytest.approx(0.5 * (found.share(20.0) + found.share(110.0)))
-    assert found.ticks(7) == [20.0, 30.0, 40.0, 50.0, 60.0, 80.0, 100.0]
-    assert found.ticks(3) == [20.0, 50.0, 100.0]
+    scale = log_scale([20.0, 110.0])
+    assert 0.0 < scale.share(20.0) < scale.share(110.0) < 1.0
+    middle = scale.share((20.0 * 110.0) ** 0.5)
+    assert middle == pytest.approx(0.5 * (scale.share(20.0) + scale.share(110.0)))
+    assert scale.ticks(7) == [20.0, 30.0, 40.0, 50.0, 60.0, 80.0, 100.0]
+    assert scale.ticks(3) == [20.0, 50.0, 100.0]
     assert log_scale([1e-7, 1e7]).ticks(5) == pytest.approx([1e-7, 1e-4, 0.1, 1e2, 1e5])
     assert log_scale([5.0]).share(5.0) == pytest.approx(0.5)
 

@@ -44,8 +44,8 @@ def test_wiring_and_table_name_topic_type_and_both_ends(pair):
     assert a.outputs == {"/x": "/x"}
     assert a.subscribers == {"/x": ("b",)}
     assert a.params == Dials(turns=3)
-    [one] = b.inputs
-    assert (one.publisher, one.topic, one.local, one.type) == ("a", "/x", "/x", "LogRecord")
+    [edge] = b.inputs
+    assert (edge.publisher, edge.topic, edge.local, edge.type) == ("a", "/x", "/x", "LogRecord")
     table = graph_of(*pair).table().splitlines()
     assert table[0].split() == ["topic", "type", "from", "to"]
     assert table[1].split() == ["/x", "LogRecord", "a", "b"]
@@ -74,10 +74,10 @@ def test_namespace_is_searched_first_and_fan_in_takes_all(make_node):
     assert received(wirings[2]) == {"/x": ("a2", "/two/x"), "/y": ("c", "/y")}
     make_node("t.b", inputs={"/x": LogRecord}, fan_in=("/x",))
     b = graph_of(*sources, *spaced("b", ("", ""))).wirings()[-1]
-    found = [(one.publisher, one.topic, one.local) for one in b.inputs]
-    assert found == [("a1", "/one/x", "/x"), ("a2", "/two/x", "/x")]
+    edges = [(one.publisher, one.topic, one.local) for one in b.inputs]
+    assert edges == [("a1", "/one/x", "/x"), ("a2", "/two/x", "/x")]
     make_node("t.b", inputs={"/x": LogRecord})
-    with pytest.raises(InputError, match="subscribes to /x, which nobody publishes"):
+    with pytest.raises(InputError, match="subscribes to /x, which no node publishes"):
         graph_of(*sources[:1], *spaced("b", ("", ""))).wirings()
 
 
@@ -121,7 +121,7 @@ def test_sink_takes_every_topic_and_a_node_ends_the_graph(pair, make_node):
 @pytest.mark.parametrize(("which", "change", "words"), [
     (1, {"name": "a"}, "node 'a': the name is taken by f.yaml:2"),
     (0, {"name": "A b"}, "the name must be a letter"),
-    (0, {"name": "launcher"}, "the launcher's own name"),
+    (0, {"name": "launcher"}, "the name of the launcher"),
     (0, {"namespace": "/one"}, "the namespace '/one' must be"),
     (0, {"kind": "plannet"}, "there is no kind of node 'plannet'; did you mean 'planner'?"),
     (0, {"kind": "t.none"}, "f.yaml:2: node 'a': no module 't.none'"),
@@ -132,7 +132,7 @@ def test_sink_takes_every_topic_and_a_node_ends_the_graph(pair, make_node):
     (0, {"params": {"turns": "x"}}, "a.turns is 'x'; expected whole number, got text"),
     (0, {"params": {"turns": 0}}, "a.turns is 0; expected whole number >= 1"),
     (0, {"params": [1]}, "params must be a map"),
-    (0, {"remap": {"/x": "/xx"}}, "subscribes to /x, which nobody publishes; did you mean '/xx'?"),
+    (0, {"remap": {"/x": "/xx"}}, "subscribes to /x, which no node publishes; did you mean '/xx'?"),
 ])  # fmt: skip
 def test_graph_that_could_not_run_is_refused(pair, which, change, words):
     entries = list(pair)
@@ -198,7 +198,7 @@ def test_recording_has_the_schemas_of_own_types(make_node, tmp_path):
 @pytest.mark.parametrize(("outputs", "words"), [
     ((named("World"),),
      "node 'n0': publishes /n0 as World of .*, but palpate.messages.types.world"),
-    ((Width, named("Width")), "node 'n1': publishes /n1 as Width of .*; call it otherwise"),
+    ((Width, named("Width")), "node 'n1': publishes /n1 as Width of .*; rename it"),
     ((int,), "node 'n0': publishes /n0: int is not a message type"),
 ])  # fmt: skip
 def test_ambiguous_types_are_refused(make_node, tmp_path, outputs, words):

@@ -43,20 +43,20 @@ def test_launch_file_becomes_graph_and_arguments_override_defaults(write):
     assert a.places["turns",].endswith("f.yaml:4")
     assert b.module == "palpate.nodes.b" and b.source.endswith("f.yaml:12")
     assert graph.ends == "a"
-    found = described(write("f.yaml", TWO), turns=7, loud=False)
-    assert [entry.name for entry in found.graph.entries] == ["a"]
-    assert found.graph.entries[0].params["turns"] == 7
-    assert found.args["label"] == "n7"
+    description = described(write("f.yaml", TWO), turns=7, loud=False)
+    assert [entry.name for entry in description.graph.entries] == ["a"]
+    assert description.graph.entries[0].params["turns"] == 7
+    assert description.args["label"] == "n7"
     with pytest.raises(InputError, match="has no argument 'lout'; did you mean 'loud'"):
         described(write("f.yaml", TWO), lout=1)
 
 
 def test_shipped_launch_file_takes_everything_from_the_scene(write):
-    found = described(EXPLORE, scene="vase")
-    assert found.scene is not None and found.graph.ends == "evaluator"
-    by_name = {entry.name: entry for entry in found.graph.entries}
+    description = described(EXPLORE, scene="vase")
+    assert description.scene is not None and description.graph.ends == "evaluator"
+    by_name = {entry.name: entry for entry in description.graph.entries}
     params = by_name["simulator"].params
-    assert params["seed"] == found.scene.spec.seed == 7
+    assert params["seed"] == description.scene.spec.seed == 7
     assert len(params["object"]["lattice"]) == 6 and params["reach"] == 0.15
     assert by_name["recorder"].params == {"path": "runs/here/topics.mcap"}
     text = "object:\n  sphere: {radius: 0.04}\nexplore:\n  tolerance: 0.5e-3\n"
@@ -114,16 +114,16 @@ ends: b
 
 def test_node_with_fingers_is_there_for_each(write):
     file = write("f.yaml", EACH)
-    one, two, b = described(file).graph.entries
-    assert [entry.name for entry in (one, two, b)] == ["a_1", "a_2", "b"]
-    assert [entry.namespace for entry in (one, two, b)] == ["finger_1", "finger_2", ""]
-    assert [entry.finger for entry in (one, two, b)] == [1, 2, 0]
-    assert [entry.group for entry in (one, two, b)] == ["a", "a", "b"]
-    assert [entry.on_exit for entry in (one, two, b)] == ["ignore", "ignore", "restart"]
-    assert two.params == {"number": 2, "of": 2, "label": "finger 2"}
-    assert (one.module, one.nice, two.nice) == ("palpate.nodes.a", 3, 3)
-    assert one.source.endswith("f.yaml:5") and two.source.endswith("f.yaml:5")
-    assert two.places["label",].endswith("f.yaml:7")
+    first, second, b = described(file).graph.entries
+    assert [entry.name for entry in (first, second, b)] == ["a_1", "a_2", "b"]
+    assert [entry.namespace for entry in (first, second, b)] == ["finger_1", "finger_2", ""]
+    assert [entry.finger for entry in (first, second, b)] == [1, 2, 0]
+    assert [entry.group for entry in (first, second, b)] == ["a", "a", "b"]
+    assert [entry.on_exit for entry in (first, second, b)] == ["ignore", "ignore", "restart"]
+    assert second.params == {"number": 2, "of": 2, "label": "finger 2"}
+    assert (first.module, first.nice, second.nice) == ("palpate.nodes.a", 3, 3)
+    assert first.source.endswith("f.yaml:5") and second.source.endswith("f.yaml:5")
+    assert second.places["label",].endswith("f.yaml:7")
     a, _ = described(file, hands=1).graph.entries
     assert (a.name, a.namespace, a.finger) == ("a", "", 0)
     assert a.params == {"number": 1, "of": 1, "label": "finger 1"}
@@ -177,12 +177,12 @@ nodes:
 ends: c
 """
     path = write("f.yaml", own)
-    found = entries(path)
-    assert list(found) == ["a", "b", "c"]
-    assert found["a"].params == {"turns": 4, "box": {"c": 3}, "more": 4}
-    assert (found["a"].kind, found["a"].remap) == ("t.a", {"/x": "/z"})
-    assert found["b"].params == {"c": 3}
-    assert (found["a"].places["turns",], found["a"].source) == (f"{path}:2", f"{path}:4")
+    nodes = entries(path)
+    assert list(nodes) == ["a", "b", "c"]
+    assert nodes["a"].params == {"turns": 4, "box": {"c": 3}, "more": 4}
+    assert (nodes["a"].kind, nodes["a"].remap) == ("t.a", {"/x": "/z"})
+    assert nodes["b"].params == {"c": 3}
+    assert (nodes["a"].places["turns",], nodes["a"].source) == (f"{path}:2", f"{path}:4")
     left = entries(write("g.yaml", "include: base.yaml\nnodes:\n  a:\n  b: {if: false}\n"))
     assert list(left) == ["a"] and left["a"].params["turns"] == 3
     assert left["a"].places["turns",] == f"{base}:3"
@@ -232,7 +232,7 @@ def test_wrong_include_is_refused(write, text, words):
 
 
 @pytest.mark.parametrize(("text", "words"), [
-    ("from palpate.nodes.filter import NODE as NODE", "subscribes to /touch/info, which nobody"),
+    ("from palpate.nodes.filter import NODE as NODE", "subscribes to /touch/info, which no node"),
     ("NODE = 1/0", "module '{}' breaks: ZeroDivisionError: division by zero"),
     ("def", "module '{}' breaks: SyntaxError: invalid syntax"),
     ("import palpate_test_no", "no module '{}': No module named 'palpate_test_no'"),
@@ -348,12 +348,12 @@ nodes:
 ends: a
 """
     path = write("listed.yaml", text)
-    found = entries(path)["a"]
-    assert found.params == {"a": 1, "b": 3, "c": 4}
-    assert (found.places["a",], found.places["b",]) == (f"{path}:1", f"{path}:5")
+    node = entries(path)["a"]
+    assert node.params == {"a": 1, "b": 3, "c": 4}
+    assert (node.places["a",], node.places["b",]) == (f"{path}:1", f"{path}:5")
     write("base.yaml", text.replace("[$(box), {b: 3, c: 4}]", "$(box)"))
     path = write("f.yaml", "include: base.yaml\nnodes:\n  a:\n    params: {b: 5}\n")
-    found = entries(path, box={"a": 7, "b": 8})["a"]
-    assert found.params == {"a": 7, "b": 5} and found.places["b",] == f"{path}:4"
+    node = entries(path, box={"a": 7, "b": 8})["a"]
+    assert node.params == {"a": 7, "b": 5} and node.places["b",] == f"{path}:4"
     with pytest.raises(InputError, match=r"nodes\.a\.params has 1; expected a map"):
         entries(write("f.yaml", text.replace("$(box)", "1")))

@@ -47,7 +47,7 @@ RUN = Path("runs/r")
 def test_table_is_aligned_and_no_cell_is_cut():
     rows = [("topic", "n", "to"), ("/a", "12", ""), ("/[b]x", "3", ":smile:")]
     assert text_table(rows, (1,)) == ["topic   n  to", "/a     12", "/[b]x   3  :smile:"]
-    assert "x" * 200 in text_table([("a", "b"), ("x" * 200, "1")], least=(1, 3))
+    assert "x" * 200 in text_table([("a", "b"), ("x" * 200, "1")], min_widths=(1, 3))
     assert text_table([("a", "b")], (1,), (3, 4)) == ["a       b"]
 
 
@@ -81,14 +81,14 @@ def test_progress_adds_up_and_log_is_json(contour, tetrahedron, score):
     progress = watcher.progress
     assert (progress.contours, progress.touches, progress.robot_time) == (2, 60, 15.0)
     assert (progress.ready, progress.model, progress.score) == (0.5, tetrahedron, score)
-    assert 0.0 <= progress.made[tetrahedron.number] <= progress.wall
+    assert 0.0 <= progress.model_times[tetrahedron.number] <= progress.wall
     assert progress.compute_at(progress.wall) == 3.0
     assert 0.0 <= progress.scores[0][0] <= progress.wall
     watcher.log(record())
     line = json.loads(log.getvalue())
     assert line.pop("wall_s") >= 0.0
-    told = {"node": "tracer", "level": "warning", "text": "the pad slipped", "robot_time_s": 2.5}
-    assert line == told
+    fields = {"node": "tracer", "level": "warning", "text": "the pad slipped", "robot_time_s": 2.5}
+    assert line == fields
 
 
 def estimate(bound):
@@ -106,8 +106,8 @@ def test_plain_lines_come_once_a_contour_and_once_a_warning(score):
     progress.contours, progress.estimates = 2, [(2.0, estimate(4e-4))]
     progress.scores.append((1.0, score))
     lines.show(progress)
-    for one in (record(), record(), record("all is well", "info")):
-        lines.note(one)
+    for item in (record(), record(), record("all is well", "info")):
+        lines.note(item)
     progress.touches = 45
     lines.show(progress)
     lines.close()
@@ -193,7 +193,7 @@ def test_files_of_run_directory_are_written_whole():
 @pytest.mark.parametrize(("name", "words"), [
     ("full", "--out full: is not empty"),
     ("file", "--out file: is a file"),
-    ("here\udcff", "its name is no text in UTF-8, so that nodes could not"),
+    ("here\udcff", "its name cannot be encoded in UTF-8 for the nodes"),
     ("file/here", "file/here: cannot be written: Not a directory"),
 ])  # fmt: skip
 def test_unusable_directory_is_refused(name, words):
@@ -206,9 +206,9 @@ def test_unusable_directory_is_refused(name, words):
 
 
 def ending(status="finished", reason="all slices are traced"):
-    given = {"messages": 40, "sent": 40, "p50": 80.0, "p99": 120.0, "steps": {"filter": 1.0}}
-    told = example(types.NodeStatus, node="filter", state="ending", cpu=1.5, **given)
-    return Ending(status=status, reason=reason, statuses={"filter": told})
+    counters = {"messages": 40, "sent": 40, "p50": 80.0, "p99": 120.0, "steps": {"filter": 1.0}}
+    status_message = example(types.NodeStatus, node="filter", state="ending", cpu=1.5, **counters)
+    return Ending(status=status, reason=reason, statuses={"filter": status_message})
 
 
 KEPT = {"error_bound": 6e-4, "unknown_share": 4e-3, "untouched_gap": 9e-3, "unentered_hole": 0.0}
@@ -217,9 +217,9 @@ ASKED = {"tolerance": 1e-3, "feature": 0.02, "unknown_share": 0.01}
 
 def planned(findings=KEPT, limits=ASKED, reason="enough", **more):
     bound, gap = findings.get("error_bound"), {"largest_untouched": 2.5e-3}
-    given = {"findings": findings, "limits": limits, "reason": reason, "rms_bound_95": bound}
+    fields = {"findings": findings, "limits": limits, "reason": reason, "rms_bound_95": bound}
     return example(
-        types.PlanDone, number=3, contours=(1, 2), touches=40, **{**given, **gap, **more}
+        types.PlanDone, number=3, contours=(1, 2), touches=40, **{**fields, **gap, **more}
     )
 
 
@@ -231,12 +231,12 @@ def progress(tetrahedron, score):
     )  # fmt: skip
 
 
-def summary_of(progress, *told):
-    return summarise(ending(*told), progress, "vase", 7)
+def summary_of(progress, *ends):
+    return summarise(ending(*ends), progress, "vase", 7)
 
 
-def headline(progress, *told, files=(), folder=RUN):
-    text = headline_text(summary_of(progress, *told), files, folder)
+def headline(progress, *ends, files=(), folder=RUN):
+    text = headline_text(summary_of(progress, *ends), files, folder)
     return text.splitlines(), " ".join(text.split())
 
 
@@ -253,22 +253,22 @@ duplicates restarts nodes numerics curve steps missed procedure
 
 
 def test_summary_has_the_figures_and_null_for_what_is_unknown(progress, score):
-    found = summary_of(progress)
+    summary = summary_of(progress)
     nothing = summarise(Ending(status="died", reason="x"), Progress(), None, None)
-    assert nothing.keys() == found.keys() == {*KEYS.split()}
+    assert nothing.keys() == summary.keys() == {*KEYS.split()}
     unknown = ("chamfer_m", "watertight", "mesh_sha256", "compute_s", "touches_per_s", "ready_s")
     assert {nothing[key] for key in unknown} == {None}
-    assert json.loads(json.dumps(found, allow_nan=False)) == found
-    assert (found["chamfer_m"], found["compute_s"]) == (0.0003, 1.5)
-    assert found["touches_per_s"] == 20.0  # 40 in the 2 s between the reports
+    assert json.loads(json.dumps(summary, allow_nan=False)) == summary
+    assert (summary["chamfer_m"], summary["compute_s"]) == (0.0003, 1.5)
+    assert summary["touches_per_s"] == 20.0  # 40 in the 2 s between the reports
     node = {"messages": 40, "sent": 40, "p50_us": 80.0, "p99_us": 120.0, "cpu_s": 1.5}
-    assert found["nodes"] == {"filter": node}
-    assert found["numerics"] == {"condition": 3.5, "fallbacks": 0.0}
-    assert found["steps"] == {"filter": 1.0, "rest": 0.5}
+    assert summary["nodes"] == {"filter": node}
+    assert summary["numerics"] == {"condition": 3.5, "fallbacks": 0.0}
+    assert summary["steps"] == {"filter": 1.0, "rest": 0.5}
     spent = {"contours": 2, "touches": 40, "robot_time_s": 20.0, "wall_s": 3.0}
     none = ("compute_s", "rms_bound_95_m", "largest_untouched_m", "forecast", "halved", "ratio")
     errors = {"chamfer_m": 0.0003, "rms_m": score.rms}
-    assert found["curve"] == [{**spent, **errors, **dict.fromkeys(none)}]
+    assert summary["curve"] == [{**spent, **errors, **dict.fromkeys(none)}]
 
 
 @pytest.mark.parametrize(
@@ -386,7 +386,7 @@ OPEN = {
 @pytest.mark.parametrize("status", ["finished", "died", "stalled", "interrupted"])
 @pytest.mark.parametrize("folder", [RUN, Path("runs") / ("a_long_name_" * 8)])
 def test_headline_cuts_nothing_off(progress, status, folder):
-    progress.failed, reason = 3, "why " * 100 + "indeed"
+    progress.failed_contours, reason = 3, "why " * 100 + "indeed"
     progress.done = planned({"error_bound": 1e-3}, reason=reason, **OPEN)
     lines, words = headline(progress, status, "so " * 90 + "there", files=["a"], folder=folder)
     assert max(len(line) for line in lines if str(folder) not in line) <= TEXT_WIDTH
@@ -402,7 +402,7 @@ def test_headline_cuts_nothing_off(progress, status, folder):
 
 
 def test_headline_names_doubts(progress, score):
-    bound, progress.failed = 0.5 * score.rms, 1
+    bound, progress.failed_contours = 0.5 * score.rms, 1
     progress.done = planned({"error_bound": bound}, **OPEN | {"open_share": 4e-4})
     summary = summary_of(progress) | {"restarts": {"tracer": 2}, "gaps": 3}
     words = " ".join(headline_text(summary, [], RUN).split())
@@ -415,13 +415,13 @@ def test_headline_names_doubts(progress, score):
 def test_headline_of_procedure_says_what_it_found_or_why_not():
     figures = {"axis_error_deg": 0.1, "residual_rms_m": 1e-5, "volume_m3": 1e-4, "faces": 6.0}
     alone = Progress(touches=40)
-    given = {"procedure": "planar", "figures": figures, "touches": 40}
-    alone.procedure = example(types.ProcedureResult, status="done", reason="it closes", **given)
+    fields = {"procedure": "planar", "figures": figures, "touches": 40}
+    alone.procedure = example(types.ProcedureResult, status="done", reason="it closes", **fields)
     lines, words = headline(alone, files=["result.json"])
     assert lines[0] == "planar      done: it closes  axis error 0.100 deg  faces 6"
     assert "residual rms 0.010 mm volume 100.0 cm3" in words and "runs/r/result.json" in words
     alone.procedure = example(
-        types.ProcedureResult, status="unsuited", reason="it is round", **given
+        types.ProcedureResult, status="unsuited", reason="it is round", **fields
     )
     lines, _ = headline(alone)
     assert lines[0] == "found      no solid" and "missed     unsuited: it is round" in lines
@@ -534,9 +534,9 @@ def test_failing_node_ends_the_run_with_3_and_its_name(launch_file):
 
 @pytest.mark.parametrize(("text", "fingers", "words"), [
     ("explore:\n  tolerance: 5.0e-6\n", 1,
-     "s.yaml:4: tolerance is 5e-06 m; it must be at least what the sensor can tell, 1e-05 m"),
+     "s.yaml:4: tolerance is 5e-06 m; it must be at least the resolution of the sensor, 1e-05 m"),
     ("effects:\n  - gaussian_noise: {sigma: 50.0e-6}\nexplore:\n  tolerance: 40.0e-6\n", 1,
-     "s.yaml:6: tolerance is 4e-05 m; it must be at least what the sensor can tell, 5e-05 m"),
+     "s.yaml:6: tolerance is 4e-05 m; it must be at least the resolution of the sensor, 5e-05 m"),
     ("explore:\n  planner: uniform\n  settings:\n    count: 2\n", 3,
      "s.yaml:6: count is 2, but there are 3 fingers; a finger would have nothing to do"),
     ("", 4, "fingers is 4, but an object of 0.06 m has room for 3, 0.024 m apart"),

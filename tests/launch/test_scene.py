@@ -53,10 +53,10 @@ effects: [gaussian_noise: {sigma: 1.0e-5}]
 
 
 def test_length_with_unit_is_the_length_in_metres(write):
-    one, other = (load_scene(write("s.yaml", text)).spec for text in (IN_UNITS, IN_METRES))
+    units, metres = (load_scene(write("s.yaml", text)).spec for text in (IN_UNITS, IN_METRES))
     for key in ("object", "sensor", "world"):
-        assert repr(getattr(one, key)) == repr(getattr(other, key))
-    assert describe_effects(one.effects) == describe_effects(other.effects)
+        assert repr(getattr(units, key)) == repr(getattr(metres, key))
+    assert describe_effects(units.effects) == describe_effects(metres.effects)
 
 
 @pytest.mark.parametrize(("text", "words"), [
@@ -132,9 +132,10 @@ def test_slices_of_thin_plate_are_refused(write):
 
 def test_mesh_is_a_scene_of_its_own(tmp_path):
     scene = load_scene(box_file(tmp_path, holes=1))
+    guess = "box.ply: taken to be in mm, 60 x 50 x 40 mm"
     assert (scene.name, scene.size) == ("box", pytest.approx((0.06, 0.05, 0.04)))
-    assert scene.told.startswith("box.ply: taken to be in mm, 60 x 50 x 40 mm; 1 hole of up to ")
-    assert load_scene(box_file(tmp_path)).told == "box.ply: taken to be in mm, 60 x 50 x 40 mm"
+    assert scene.mesh_notes.startswith(f"{guess}; 1 hole of up to ")
+    assert load_scene(box_file(tmp_path)).mesh_notes == guess
     (tmp_path / "again.yaml").write_text(scene.text, encoding="utf-8")
     for place, file in scene.inputs.items():
         (tmp_path / place).parent.mkdir()
@@ -142,7 +143,7 @@ def test_mesh_is_a_scene_of_its_own(tmp_path):
     again = load_scene(tmp_path / "again.yaml")
     assert again.spec == load_scene(tmp_path / "box.ply").spec
     unit = {("object", "mesh", "unit"): SourceMapped("cm", "--unit")}
-    assert load_scene(box_file(tmp_path), unit).told == ""
+    assert load_scene(box_file(tmp_path), unit).mesh_notes == ""
     assert load_scene(box_file(tmp_path), unit).size == pytest.approx((0.6, 0.5, 0.4))
     size = {("object", "mesh", "size"): SourceMapped("12cm", "--set")}
     assert load_scene(box_file(tmp_path), size).size == pytest.approx((0.12, 0.1, 0.08))
@@ -159,12 +160,12 @@ def test_mesh_beside_the_axis_is_moved_onto_it(tmp_path, write):
     text = "object:\n  mesh: {file: box.ply, unit: mm}\n"
     scene = load_scene(write("s.yaml", text))
     assert middle(scene) == pytest.approx([0.0, 0.0, 0.0], abs=1e-9)
-    assert scene.told == "box.ply: moved by -31, 0, 20 mm, from beside the axis onto it"
+    assert scene.mesh_notes == "box.ply: moved by -31, 0, 20 mm, from beside the axis onto it"
     kept = load_scene(write("s.yaml", text + "  pose: {position: [0.0, 0.0, 0.0]}\n"))
-    assert (middle(kept), kept.told) == (pytest.approx([0.031, 0.0, -0.02]), "")
+    assert (middle(kept), kept.mesh_notes) == (pytest.approx([0.031, 0.0, -0.02]), "")
     near = load_scene(box_file(tmp_path, x=29.0))
     assert middle(near) == pytest.approx([0.029, 0.0, -0.02])
-    assert "moved" not in near.told
+    assert "moved" not in near.mesh_notes
 
 
 def test_untrusted_scene_names_no_outer_file_or_program(write, tmp_path, monkeypatch):
@@ -259,8 +260,8 @@ def test_module_that_is_no_effect_is_refused(old, new, words, write, here):
 
 
 def test_planner_has_its_settings_and_a_default(typed):
-    given = typed("explore: {planner: uniform, settings: {count: 5, order: nested}}")
-    assert check_planner(given) == Uniform(count=5, order="nested")
+    document = typed("explore: {planner: uniform, settings: {count: 5, order: nested}}")
+    assert check_planner(document) == Uniform(count=5, order="nested")
     made = check_planner(typed("explore: {settings: {cover: 5}}"))
     assert isinstance(made, planner_type(PLANNER_NAMES[0]))
     assert getattr(made, "cover") == 5  # noqa: B009
@@ -309,8 +310,8 @@ def test_changed_values_are_in_the_text_of_the_scene(write):
     )
     assert scene.spec.sensor.pitch == 1.2e-3
     place = ("object", "superquadric", "size", 2)
-    one = load_scene(write("ball.yaml", BALL), {place: SourceMapped(0.03, "here")})
-    assert one.spec.object.superquadric.size == (0.04, 0.04, 0.03)
+    larger = load_scene(write("ball.yaml", BALL), {place: SourceMapped(0.03, "here")})
+    assert larger.spec.object.superquadric.size == (0.04, 0.04, 0.03)
     assert scene.spec.explore == {"planner": "uniform", "settings": {"count": 4}}
     again = load_scene(write("told.yaml", scene.text))
     assert again.spec == scene.spec

@@ -257,7 +257,7 @@ def changed(value: float) -> TactileFrame:
 
 
 @cases(
-    "one, other, found",
+    "first, second, difference",
     (FRAME, FRAME, None),
     (FRAME, replace(FRAME, outcome="miss"), ("outcome", "'hit'", "'miss'")),
     (FRAME, replace(FRAME, robot_time=0.75), ("robot_time", "0.5", "0.75")),
@@ -272,8 +272,8 @@ def changed(value: float) -> TactileFrame:
         ("text", "'" + "x" * 56 + "...", "'" + "y" * 58 + "'"),
     ),
 )
-def test_first_field_that_differs_is_named_with_both_values(one, other, found):
-    assert first_difference(type(one), encode(one), encode(other)) == found
+def test_first_field_that_differs_is_named_with_both_values(first, second, difference):
+    assert first_difference(type(first), encode(first), encode(second)) == difference
 
 
 def test_bodies_that_differ_in_bytes_alone_differ():
@@ -281,6 +281,6 @@ def test_bodies_that_differ_in_bytes_alone_differ():
     longer = body.replace(b"\xa1b", b"\xd9\x01b")  # the same text with a longer prefix
     place = body.index(b"\xa1b")
     assert first_difference(LogRecord, body, longer) == (f"bytes[{place}]", "0xa1", "0xd9")
-    where, one, other = first_difference(LogRecord, body, b"\x80") or ("", "", "")
-    assert (where, one) == ("bytes", f"{len(body)} bytes")
-    assert other.startswith("1 bytes: ") and "missing field" in other
+    where, first, second = first_difference(LogRecord, body, b"\x80") or ("", "", "")
+    assert (where, first) == ("bytes", f"{len(body)} bytes")
+    assert second.startswith("1 bytes: ") and "missing field" in second

@@ -22,14 +22,15 @@ Signals = Annotated[NDArray[np.float64], Array("<f8", (None, None), "N")]
 
 
 def rules(cls: type) -> dict[str, Rule]:
-    found: dict[str, Rule] = schema(cls)["properties"]
-    return found
+    properties: dict[str, Rule] = schema(cls)["properties"]
+    return properties
 
 
-def equal(one: Any, other: Any) -> bool:
-    if isinstance(one, np.ndarray):
-        return (one.dtype, one.shape, one.tobytes()) == (other.dtype, other.shape, other.tobytes())
-    return type(one) is type(other) and one == other
+def equal(value: Any, other: Any) -> bool:
+    if isinstance(value, np.ndarray):
+        is_alike = (value.dtype, value.shape) == (other.dtype, other.shape)
+        return is_alike and value.tobytes() == other.tobytes()
+    return type(value) is type(other) and value == other
 
 
 @EVERY_TYPE
@@ -47,25 +48,25 @@ def test_message_comes_back_bit_for_bit_and_read_only(cls):
 
 def wrong_values(rule: Rule, value: Any) -> list[tuple[Any, str]]:
     """Values that a field must refuse, each with words of the refusal."""
-    found: list[tuple[Any, str]] = [(object(), ".* a object$")]
+    wrong: list[tuple[Any, str]] = [(object(), ".* a object$")]
     plain = rule["anyOf"][0] if "anyOf" in rule else rule
     if plain is rule:
-        found.append((None, "must be"))
+        wrong.append((None, "must be"))
     if "dtype" in plain and value is not None:
         narrow = value[..., :0] if plain["shape"][-1] else value.reshape(-1, 1, 1, 1, 1)
-        found += [(value.astype("<f4"), "must have dtype"), (value[None], "must have shape")]
-        found.append((narrow, "must have shape"))
+        wrong += [(value.astype("<f4"), "must have dtype"), (value[None], "must have shape")]
+        wrong.append((narrow, "must have shape"))
         if plain["dtype"] == "<f8":
             hole = value.copy()
             hole.flat[-1] = np.nan
-            found.append((hole, "must be finite"))
+            wrong.append((hole, "must be finite"))
     kinds: dict[str, tuple[list[Any], str]] = {
         "number": ([float("nan"), float("inf"), float("-inf")], "must be finite"),
         "integer": ([1.0, True, "1", 1 << 63], "must be int"),
         "boolean": ([1, 0, "true"], "must be bool"),
     }
     values, words = kinds.get(plain.get("type", ""), ([], ""))
-    return found + [(one, words) for one in values]
+    return wrong + [(one, words) for one in values]
 
 
 @EVERY_TYPE
@@ -75,8 +76,8 @@ def test_every_field_refuses_what_it_cannot_be(cls):
         for value, words in wrong_values(rule, getattr(message, name)):
             with pytest.raises(CodecError) as caught:
                 encode(replace(message, **{name: value}))
-            told = str(caught.value)
-            assert re.match(f"^not a {cls.__name__}: {name} {words}", told), (name, value, told)
+            text = str(caught.value)
+            assert re.match(f"^not a {cls.__name__}: {name} {words}", text), (name, value, text)
         if "anyOf" in rule:
             without = replace(message, **{name: None})
             assert getattr(decode(cls, encode(without)), name) is None
@@ -171,11 +172,11 @@ def of_field(**rule: Any) -> str:
     (described(properties={"MAX_BYTES": {"type": "number"}}), "'MAX_BYTES' is no name"),
     (described(properties={}), "it has 0 fields, expected 1 to 512"),
     (described(properties={f"f{i}": {} for i in range(513)}), "it has 513 fields"),
-    (described(description="more"), "it says more than a message type can"),
+    (described(description="more"), "it has more than the schema of a message type"),
     (of_field(type="null"), "'null'"),
     (of_field(enum=[[]]), ""),
     (of_field(type="array", items={"enum": []}), ""),
-    (of_field(type="number", minimum=3), "says more"),
+    (of_field(type="number", minimum=3), "it has more"),
     *(
         (of_field(type="object", dtype=dtype, shape=[3], unit="m"), "no dtype of numbers")
         for dtype in ("|O", "<M8", "<U4", "3f8", "<c16")

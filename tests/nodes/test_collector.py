@@ -12,7 +12,7 @@ from palpate.messages.types import PlanDone, SequenceEnd, ShapeModel
 from palpate.nodes import collector, reconstructor
 from palpate.nodes.runtime.node import Finished
 from palpate.nodes.runtime.testing import drive, example, messages_on
-from palpate.nodes.specs.frames import FRAMES_A_GOAL
+from palpate.nodes.specs.frames import FRAMES_PER_GOAL
 from tests.nodes.patches import (
     BLOCK_MIDDLE,
     BLOCK_NORMALS,
@@ -77,7 +77,7 @@ def test_touches_of_one_plane_are_no_solid():
     places = [(np.array([0.02 * number, 0.0, 0.0]), np.eye(3)) for number in range(4)]
     model, done = solid(patches_at(places, np.full((16, 16), DEPTH)))
     assert not len(model.faces)
-    assert done.reason == "what 4 of 4 frames touched lies in one plane: touch other sides, too"
+    assert done.reason == "all contacts, of 4 of 4 frames, lie in one plane: touch other sides"
 
 
 def test_frames_without_a_contact_end_with_the_reason():
@@ -88,8 +88,8 @@ def test_frames_without_a_contact_end_with_the_reason():
     assert done.missed == (0, 1) and done.probes == ()
     # Where it has ended already, an empty model changes nothing.
     nothing = example(ShapeModel, number=1, final=True, faces=np.zeros((0, 3), np.int32))
-    told = collected(patches, ("/model/shape", nothing))
-    assert len(messages_on(told, "/plan/done")) == 1
+    published = collected(patches, ("/model/shape", nothing))
+    assert len(messages_on(published, "/plan/done")) == 1
 
 
 def test_touches_too_far_apart_for_one_object_end_with_the_reason():
@@ -105,7 +105,7 @@ def test_nothing_is_asked_before_all_frames_have_come():
     patches = ball_patches(30)
     asked = collected(patches[:29], count=30)
     assert [topic for topic, _ in asked] == ["/probe/traced"]
-    assert asked[0][1].touches == FRAMES_A_GOAL
+    assert asked[0][1].touches == FRAMES_PER_GOAL
     end = ("/touch/end", SequenceEnd(frames=30, robot_time=9.0))
     late = drive(collector.NODE, [INFO, end, *patches])
     assert [topic for topic, _ in late] == ["/probe/traced"] * 2 + ["/world", "/model/goal"]
@@ -140,8 +140,8 @@ def turned_block(count: int) -> tuple[Pose, Patches]:
 def test_touches_since_it_was_turned_over_tell_how_it_lies_and_what_it_stood_on():
     lies, patches = turned_block(40)
     model, done = solid(patches, platform=0.0, tolerance=5e-4)
-    (found,) = map(Pose.from_array, model.placements)
-    assert np.degrees(rotation_angle(found.axes, lies.axes)) < 1.0
+    (pose,) = map(Pose.from_array, model.placements)
+    assert np.degrees(rotation_angle(pose.axes, lies.axes)) < 1.0
     off = ((model.vertices - BLOCK_MIDDLE) @ BLOCK_NORMALS.T - BLOCK_OFFSETS).max(axis=1)
     assert np.median(np.abs(off)) < 0.15e-3 and model.placement_faults == ()
     assert done.rms_bound_95 is not None and np.sqrt(np.mean(off**2)) < done.rms_bound_95
@@ -161,6 +161,6 @@ def test_touches_that_fit_nowhere_since_it_was_turned_over_are_left_out():
 def test_turned_object_needs_its_platform():
     _, patches = turned_block(3)
     [done] = messages_on(collected(patches), "/plan/done")
-    assert "say at which height the platform is, platform:=0" in done.reason
+    assert "the height of its platform is unknown: give it, as platform:=0" in done.reason
     [goal, last] = messages_on(collected(patches, platform=0.0), "/model/goal")
     assert (goal.final, last.final, goal.probes) == (False, True, last.probes)

@@ -20,8 +20,8 @@ from palpate.nodes import console, curvature, driver, filter, socket_driver
 from palpate.nodes.runtime.node import Finished, Timed
 from palpate.nodes.runtime.testing import drive, messages_on
 from palpate.nodes.specs.frames import (
-    FRAMES_A_GOAL,
-    MOST_FRAMES,
+    FRAMES_PER_GOAL,
+    MAX_FRAMES,
     SensorParams,
     parse_row,
     read_frames,
@@ -203,11 +203,11 @@ def published(params: Any) -> list[Timed]:
 
 
 def test_frames_of_a_file_become_patches_of_the_ball(table: Path):
-    found = drive(driver.SOURCE, params={**PAD, "path": str(table)})
-    assert found[-1] == Finished(f"published the 3 frames of {table}")
-    assert messages_on(found, "/touch/end")[0].frames == 3
-    images = drive(filter.NODE, found[:-2])
-    patches = messages_on(drive(curvature.NODE, [found[0], *images]), "/touch/patch")
+    published = drive(driver.SOURCE, params={**PAD, "path": str(table)})
+    assert published[-1] == Finished(f"published the 3 frames of {table}")
+    assert messages_on(published, "/touch/end")[0].frames == 3
+    images = drive(filter.NODE, published[:-2])
+    patches = messages_on(drive(curvature.NODE, [published[0], *images]), "/touch/patch")
     for patch in patches:
         # Rounding alone: a paraboloid is a jet.
         assert (patch.k1, patch.k2) == pytest.approx((50.0, 50.0), rel=1e-6)
@@ -250,8 +250,8 @@ def test_file_that_cannot_be_published_is_refused_before_the_start(table, change
     ({"sensor": {"signal": "force"}}, 1.0),
     ({"values": "signal", "sensor": {"signal": "force"}}, 2e8 * 1e-6),
 )
-def test_numbers_mean_what_the_parameters_say(given: dict[str, Any], unit: float):
-    sensing = msgspec.convert(given, SensorParams)
+def test_numbers_mean_what_the_parameters_say(fields: dict[str, Any], unit: float):
+    sensing = msgspec.convert(fields, SensorParams)
     frame = tactile_frame(sensing, 0, 0.0, np.array(POSE), unit * ball())
     back = calibration_of_info(sensor_info(sensing)).decode(frame.array)
     # Lengths of 3 mm at most, through few operations: a few units in the last place of that.
@@ -266,20 +266,20 @@ def test_numbers_mean_what_the_parameters_say(given: dict[str, Any], unit: float
     [(np.zeros((16, 16)), "miss"), (ball(), "hit"), (np.full((16, 16), 2.5e-3), "bottomed")],
 )
 def test_outcome_is_told_from_the_image(image: Floats, outcome: str):
-    number = 3 * FRAMES_A_GOAL + 2
+    number = 3 * FRAMES_PER_GOAL + 2
     frame = tactile_frame(SensorParams(), number, 0.5, np.array(POSE), image)
     assert frame.move.tolist() == [0.0, 0.0, 0.0, 0.0, -1.0] and frame.finger == 1
     assert (frame.outcome, frame.goal, frame.touch, frame.robot_time) == (outcome, 3, 2, 0.5)
-    assert tactile_frame(SensorParams(), MOST_FRAMES - 1, 0.0, np.array(POSE), image).goal == 3999
+    assert tactile_frame(SensorParams(), MAX_FRAMES - 1, 0.0, np.array(POSE), image).goal == 3999
     with pytest.raises(ValueError, match="frame 100000: a sequence has 100000 frames at most"):
-        tactile_frame(SensorParams(), MOST_FRAMES, 0.0, np.array(POSE), image)
+        tactile_frame(SensorParams(), MAX_FRAMES, 0.0, np.array(POSE), image)
 
 
 @pytest.fixture
 def server() -> Iterator[socket.socket]:
     """A server on a free port of this machine."""
-    with socket.create_server(("127.0.0.1", 0)) as found:
-        yield found
+    with socket.create_server(("127.0.0.1", 0)) as listening:
+        yield listening
 
 
 def port(server: socket.socket) -> str:
@@ -368,10 +368,10 @@ def test_sensor_tells_what_stands_in_its_data_sheet():
 
 
 def test_calibration_of_a_sensor_replaces_its_data_sheet():
-    found = CalibrationSpec(
+    calibration = CalibrationSpec(
         gain=((1.1,) * 16,) * 16, offset=((1e-5,) * 16,) * 16, sound_speed=950.0, noise=2e-5
     )
-    info = info_of(SensorSpec(calibration=found), 1e-6)
+    info = info_of(SensorSpec(calibration=calibration), 1e-6)
     assert (info.sound_speed, info.noise, resolution_of_info(info)) == (950.0, 2e-5, 2e-5)
     assert (info.gain == 1.1).all() and (info.offset == 1e-5).all()
     assert resolution_of_info(info_of(SensorSpec(), 1e-6)) == pytest.approx(1e-5)
@@ -386,7 +386,7 @@ SHORT = {"gain": [[1.0]], "offset": [[0.0] * 16] * 16, "sound_speed": 1000.0, "n
     ({"cols": 42}, "an array of 15 by 41 mm; contours are followed with 5 to 40 mm"),
     ({"pad": {"radius": 0.01}}, "a dome over this array needs more than 0.0106 m"),
     ({"pad": {"thickness": 0.001}}, r"it must be at least 0.00\d+ m, to be pressed by 0.0"),
-    ({"calibration": SHORT}, "calibration.gain must have 16 rows of 16, as the array has"),
+    ({"calibration": SHORT}, "calibration.gain must have 16 rows of 16, as the array;"),
 )
 def test_sensor_that_could_not_work_is_refused(wrong: dict[str, Any], words: str):
     with pytest.raises(msgspec.ValidationError, match=words):

@@ -44,8 +44,8 @@ def model(scale: float = 1.0, **changes: Any) -> ShapeModel:
 
 
 def judged(*models: ShapeModel) -> list[Any]:
-    told = [("/truth", TRUTH), *(("/model/shape", one) for one in models)]
-    return [one if isinstance(one, Finished) else one[1] for one in drive(NODE, told)]
+    inputs = [("/truth", TRUTH), *(("/model/shape", one) for one in models)]
+    return [one if isinstance(one, Finished) else one[1] for one in drive(NODE, inputs)]
 
 
 def score(model: ShapeModel) -> Score:
@@ -53,18 +53,19 @@ def score(model: ShapeModel) -> Score:
 
 
 def test_true_model_is_at_no_distance_and_costs_are_copied():
-    found = score(model())
-    assert found.hausdorff < 1e-15 and found.normal < 1e-5
-    assert (found.volume_error, found.watertight, found.genus, found.true_genus) == (0, True, 0, 0)
-    assert (found.number, found.contours, found.touches) == (3, 3, 42)
-    assert (found.robot_time, found.size, found.final) == (60.5, 2 * RADIUS, False)
+    result = score(model())
+    assert result.hausdorff < 1e-15 and result.normal < 1e-5
+    assert (result.volume_error, result.watertight) == (0, True)
+    assert (result.genus, result.true_genus) == (0, 0)
+    assert (result.number, result.contours, result.touches) == (3, 3, 42)
+    assert (result.robot_time, result.size, result.final) == (60.5, 2 * RADIUS, False)
 
 
 def test_larger_ball_is_too_large_by_its_difference():
-    found = score(model(1.02))
-    assert found.chamfer == pytest.approx(0.02 * RADIUS, rel=0.02)
-    assert found.volume_error == pytest.approx(1.02**3 - 1, rel=1e-9)
-    assert found.chamfer <= found.rms <= found.hausdorff and found.p95 <= found.hausdorff
+    result = score(model(1.02))
+    assert result.chamfer == pytest.approx(0.02 * RADIUS, rel=0.02)
+    assert result.volume_error == pytest.approx(1.02**3 - 1, rel=1e-9)
+    assert result.chamfer <= result.rms <= result.hausdorff and result.p95 <= result.hausdorff
 
 
 def test_final_model_is_measured_by_all_samples_and_ends_the_graph():
@@ -79,8 +80,8 @@ def test_final_model_is_measured_by_all_samples_and_ends_the_graph():
 
 def test_scores_are_the_same_bytes_and_open_surface_has_no_genus():
     assert encode(score(model(1.01))) == encode(score(model(1.01)))
-    found = score(model(faces=ball(4)[1][1:]))
-    assert (found.watertight, found.genus) == (False, -1)
+    opened = score(model(faces=ball(4)[1][1:]))
+    assert (opened.watertight, opened.genus) == (False, -1)
 
 
 def test_model_without_faces_has_no_score():
@@ -90,7 +91,7 @@ def test_model_without_faces_has_no_score():
 
 
 @cases(
-    "told, words",
+    "inputs, words",
     ([("/truth", replace(TRUTH, faces=TRUTH.faces[:, ::-1]))], r"volume, got -0\.0002"),
     (
         [
@@ -100,9 +101,9 @@ def test_model_without_faces_has_no_score():
         r"faces must name vertices from 0 to \d+, got 99000",
     ),
 )
-def test_mesh_that_is_no_solid_or_surface_is_refused(told: list[Any], words: str):
+def test_mesh_that_is_no_solid_or_surface_is_refused(inputs: list[Any], words: str):
     with pytest.raises(ValueError, match=words):
-        drive(NODE, told)
+        drive(NODE, inputs)
     assert drive(NODE, [("/model/shape", model())]) == []  # which waits for the truth
     with pytest.raises(ValueError, match="model 3 came before the truth"):
         NODE.inputs["/model/shape"][1](None, None, model())

@@ -66,10 +66,10 @@ def patch_of(info: SensorInfo, compression: Floats, **changes: Any) -> SurfacePa
 
 @pytest.mark.parametrize("noise", [0.0, 10e-6])
 def test_frame_without_impulses_comes_through_as_it_is(noise: float):
-    told = replace(INFO, noise=noise)
+    info = replace(INFO, noise=noise)
     noisy = BUMP + (NOISE if noise else 0.0)
-    frame = frame_of(told, noisy, move=np.array([0.0, 1.0, 2.0, 0.07, 4.0]))
-    [image] = cleaned(told, frame)
+    frame = frame_of(info, noisy, move=np.array([0.0, 1.0, 2.0, 0.07, 4.0]))
+    [image] = cleaned(info, frame)
     assert np.allclose(image.compression, noisy, rtol=0, atol=1e-15)
     assert noise or np.array_equal(image.mask, BUMP > 50e-6)
     assert (image.impulses, image.fault, image.advance) == (0, "none", 0.07)
@@ -89,9 +89,9 @@ def test_impulse_is_removed_and_counted():
 
 def test_calibration_is_applied_and_lost_taxel_reads_like_neighbours():
     gain = np.random.default_rng(2).uniform(0.9, 1.1, BUMP.shape)
-    told = replace(INFO, gain=gain, offset=np.full(BUMP.shape, 1e-5))
+    info = replace(INFO, gain=gain, offset=np.full(BUMP.shape, 1e-5))
     sent = calibration_of_info(INFO).encode((BUMP - 1e-5) / gain)
-    [image] = cleaned(told, frame_of(INFO, BUMP, array=sent))
+    [image] = cleaned(info, frame_of(INFO, BUMP, array=sent))
     assert np.allclose(image.compression, BUMP, rtol=0, atol=1e-15)
     gain = np.ones(BUMP.shape)
     gain[7, 7] = 0.0
@@ -135,8 +135,8 @@ def test_patch_of_a_ball_has_its_curvature_and_outward_normal():
     patch = patch_of(INFO, ball(0.03))
     assert (patch.kind, patch.fault, patch.goal, patch.touch) == ("smooth", "none", 3, 4)
     # A quartic leaves out the sixth order: (r / R)^4 of the curvature at the contact's rim.
-    found = (patch.k1, patch.k2, patch.curvature_across)
-    assert found == pytest.approx((1 / 0.03,) * 3, rel=2e-3)
+    curvatures = (patch.k1, patch.k2, patch.curvature_across)
+    assert curvatures == pytest.approx((1 / 0.03,) * 3, rel=2e-3)
     assert patch.normal == pytest.approx(-Pose.from_array(sideways(0.0)).axes[:, 2], abs=1e-9)
     assert (
         len(patch.jet) and patch.jet_scale > 0.0 and np.array_equal(patch.mask, ball(0.03) > 5e-5)
@@ -208,8 +208,8 @@ def measured(touches: int, step: float = 2e-3, lean: float = 0.0) -> list[Surfac
 
 
 def fused(patches: list[SurfacePatch], **params: Any) -> list[SurfacePatch]:
-    given = [(fusion.MEASURED, one) for one in patches]
-    return messages_on(drive(fusion.NODE, [FLAT_INFO, *given], params), "/touch/patch")
+    inputs = [(fusion.MEASURED, one) for one in patches]
+    return messages_on(drive(fusion.NODE, [FLAT_INFO, *inputs], params), "/touch/patch")
 
 
 def off(patches: list[SurfacePatch]) -> float:
@@ -229,10 +229,10 @@ def test_touches_of_one_ball_tell_more_together():
 def test_jet_bends_as_the_fused_curvatures_say():
     for lean in (0.0, 0.15):
         alone = measured(6, lean=lean)
-        for one, other in zip(alone[1:], fused(alone)[1:], strict=True):
-            at = Pose.from_array(one.pose).to_local(one.points.mean(axis=0)[None])[0]
+        for single, corrected in zip(alone[1:], fused(alone)[1:], strict=True):
+            at = Pose.from_array(single.pose).to_local(single.points.mean(axis=0)[None])[0]
             means = []
-            for patch in (one, other):
+            for patch in (single, corrected):
                 jet = Jet(patch.jet, patch.jet_scale)
                 (p, q), seconds = (
                     jet.slopes(at[:1], at[1:2]),
@@ -241,7 +241,7 @@ def test_jet_bends_as_the_fused_curvatures_say():
                 xx, xy, yy = (float(second[0]) for second in seconds)
                 shape = graph_shape_operator((float(p[0]), float(q[0])), (xx, xy, yy))
                 means.append(shape.parts[0] + shape.parts[2])
-            more = (other.k1 + other.k2) - (one.k1 + one.k2)
+            more = (corrected.k1 + corrected.k2) - (single.k1 + single.k2)
             assert means[1] - means[0] == pytest.approx(more, rel=0.01, abs=1e-3)
 
 
@@ -249,11 +249,11 @@ def test_jet_bends_as_the_fused_curvatures_say():
 def test_what_does_not_overlap_begins_anew(apart):
     alone = measured(3, step=30e-3 if apart == "far" else 1e-3)
     if apart == "goal":
-        alone = [replace(one, goal=one.touch) for one in alone]
+        alone = [replace(single, goal=single.touch) for single in alone]
     if apart == "edge":
-        alone = [replace(one, kind="edge") if one.touch == 1 else one for one in alone]
-    for one, other in zip(alone, fused(alone), strict=True):
-        assert (one.k1, one.k1_error) == (other.k1, other.k1_error)
+        alone = [replace(single, kind="edge") if single.touch == 1 else single for single in alone]
+    for single, passed in zip(alone, fused(alone), strict=True):
+        assert (single.k1, single.k1_error) == (passed.k1, passed.k1_error)
 
 
 def test_shipped_graph_has_it_between_curvature_and_tracer(tmp_path):

@@ -86,8 +86,8 @@ def ranges(shape: Shape, x: float, z: float, towards: Floats = SIDEWAYS) -> floa
 
 @pytest.mark.parametrize("kind", PRIMITIVES)
 def test_primitive_has_volume_extents_and_radius_of_its_kind(kind: str):
-    given, volume, extents = PRIMITIVES[kind]
-    shape = made(**{kind: given})
+    fields, volume, extents = PRIMITIVES[kind]
+    shape = made(**{kind: fields})
     mesh = shape.mesh(5)
     body = solidity(mesh.vertices, mesh.faces)
     assert body.watertight and body.genus == (kind == "torus")

@@ -79,9 +79,9 @@ class Cylinder:
     def probe_of(self, goal: types.ProbeGoal) -> types.Probe:
         left = min(self.left(goal), 1)
         hit = "hit" if np.hypot(*goal.pose[:2]) < RADIUS else "miss"
-        told = {"outcome": hit, "touches": left, "robot_time": self.spend(goal, 2.0 * left)}
-        told |= {"point": np.array([*goal.pose[:2], TOP]), "normal": np.array([0.0, 0.0, 1.0])}
-        return example(types.Probe, id=goal.id, finger=goal.finger, **told)
+        fields = {"outcome": hit, "touches": left, "robot_time": self.spend(goal, 2.0 * left)}
+        fields |= {"point": np.array([*goal.pose[:2], TOP]), "normal": np.array([0.0, 0.0, 1.0])}
+        return example(types.Probe, id=goal.id, finger=goal.finger, **fields)
 
     def contour_of(self, goal: ContourGoal) -> Contour:
         left = self.left(goal)
@@ -89,12 +89,12 @@ class Cylinder:
         turn = 2.0 * np.pi * np.arange(count) / 90
         rim = np.column_stack([np.cos(turn), np.sin(turn), np.zeros(count)])
         points = Pose.from_array(goal.frame).to_outer(RADIUS * rim + [0.0, 0.0, goal.height])
-        told = {name: getattr(goal, name) for name in ("id", "finger", "frame", "height")}
-        told |= {"points": points, "normals": rim, "curvature": np.zeros(count), "status": status}
-        told |= {"contact_low": np.full(count, goal.height - 4e-3), "touches": min(left, TOUCHES)}
-        told |= {"contact_high": np.full(count, goal.height + 4e-3)}
+        fields = {name: getattr(goal, name) for name in ("id", "finger", "frame", "height")}
+        fields |= {"points": points, "normals": rim, "curvature": np.zeros(count), "status": status}
+        fields |= {"contact_low": np.full(count, goal.height - 4e-3), "touches": min(left, TOUCHES)}
+        fields |= {"contact_high": np.full(count, goal.height + 4e-3)}
         seconds = self.spend(goal, min(left / TOUCHES, 1.0) * (20.0 + goal.finger))
-        return example(Contour, **told, robot_time=seconds)
+        return example(Contour, **fields, robot_time=seconds)
 
     def coarse_of(self, goal: ModelGoal) -> types.Superquadric:
         fitted = {"size": np.array([RADIUS, RADIUS, 0.5 * TOP]), "rank": 11, "residual": 1e-5}
@@ -261,13 +261,13 @@ def test_contour_that_a_model_drops_is_traced_again():
 def test_models_are_asked_of_single_touches_that_hit_and_told_of_misses():
     solid = {"cylinder": {"radius": RADIUS, "height": TOP}, "pose": {"position": [0, 0, 0.05]}}
     vertices, faces = build_shape(msgspec.convert(solid, ObjectSpec)).mesh(2)
-    told = {"vertices": vertices, "faces": faces, "method": "general"}
+    fields = {"vertices": vertices, "faces": faces, "method": "general"}
     names = ("vertex_errors", "vertex_bounds", "vertex_distances")
-    told |= {name: np.full(len(vertices), 2e-3) for name in names}
+    fields |= {name: np.full(len(vertices), 2e-3) for name in names}
     outcomes = {1: "miss", 2: "inside", 3: "hit", 4: "bottomed"}
     shape = Cylinder(
         probe=lambda goal, probe: replace(probe, outcome=outcomes.get(goal.id, "hit")),
-        model=lambda goal, model: replace(model, **told) if goal.contours else model,
+        model=lambda goal, model: replace(model, **fields) if goal.contours else model,
     )
     published = explored(Params(planner="touches", most_touches=30), shape=shape)
     goals, [done] = messages_on(published, "/probe/goal"), messages_on(published, "/plan/done")
@@ -363,7 +363,7 @@ def test_parameters_that_cannot_be_are_refused(params: dict[str, Any], words: st
 
 
 def test_demand_that_cannot_be_met_is_refused():
-    words = "tolerance is 1e-06 m; it must be at least what the sensor can tell, 1e-05 m"
+    words = "tolerance is 1e-06 m; it must be at least the resolution of the sensor, 1e-05 m"
     with pytest.raises(ValueError, match=words):
         explored(Params(tolerance=1e-6))
     state = NODE.start(Params())[0]
@@ -373,10 +373,10 @@ def test_demand_that_cannot_be_met_is_refused():
         state, _ = NODE.inputs[topic][1](Params(), state, message)
     state = replace(state, known=replace(state.known, touches=9, seconds=8.0))
     NODE.check_set(Params(most_touches=9, most_seconds=8.0), state)
-    for params, told in (
+    for params, words in (
         (Params(most_touches=8), "most_touches is 8; 9 touches are made already"),
         (Params(most_seconds=7.0), r"most_seconds is 7 s; 8\.0 s have passed already"),
         (Params(tolerance=9e-6), "tolerance is 9e-06 m"),
     ):
-        with pytest.raises(ValueError, match=told):
+        with pytest.raises(ValueError, match=words):
             NODE.check_set(params, state)

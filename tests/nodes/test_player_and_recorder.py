@@ -59,10 +59,10 @@ def played(bag: Path, **params: Any) -> list[tuple[float, str, Any]]:
     return [(round(one.due, 9), one.topic, _number(one)) for one in found if isinstance(one, Timed)]
 
 
-def _number(one: Timed) -> Any:
-    if isinstance(one.message, Clock):
-        return round(one.message.time, 9)
-    message: Any = decode(TYPES.get(one.topic, Probe), one.message)  # type: ignore[arg-type]
+def _number(timed: Timed) -> Any:
+    if isinstance(timed.message, Clock):
+        return round(timed.message.time, 9)
+    message: Any = decode(TYPES.get(timed.topic, Probe), timed.message)  # type: ignore[arg-type]
     values = (getattr(message, name, None) for name in ("time", "seed", "text", "id"))
     return next(int(value) for value in values if value is not None)
 
@@ -86,9 +86,9 @@ WHOLE = [(0.0, "/world", 1), (0.05, "/world", 2), *((n / 10, "/log", n) for n in
 )
 def test_messages_are_published_at_their_times(bag: Path, params: dict[str, Any], wanted: Any):
     assert played(bag, **params) == wanted
-    given = player.Params(path=str(bag), **params)
-    assert list(player.SOURCE.open(given))[-1] == Finished(f"played {len(wanted)} messages")
-    assert [*player.outputs(given)] == sorted(params.get("topics", ("/log", "/world")))
+    parsed = player.Params(path=str(bag), **params)
+    assert list(player.SOURCE.open(parsed))[-1] == Finished(f"played {len(wanted)} messages")
+    assert [*player.outputs(parsed)] == sorted(params.get("topics", ("/log", "/world")))
 
 
 def test_all_messages_of_a_latched_topic_that_keeps_all_are_published(tmp_path: Path):
@@ -166,24 +166,24 @@ def test_recorder_keeps_messages_with_the_graph_they_came_from(tmp_path: Path):
         outputs={},
         subscribers={},
     )
-    first, told = with_description([SIMULATOR, own], {"seed": "7"})
-    assert first is SIMULATOR and told.params.about == {"seed": "7"}
-    writer = recorder.SINK.open(told.params, {"/f1/world": "World"})
+    first, described = with_description([SIMULATOR, own], {"seed": "7"})
+    assert first is SIMULATOR and described.params.about == {"seed": "7"}
+    writer = recorder.SINK.open(described.params, {"/f1/world": "World"})
     body = encode(example(World, seed=3))
     writer.write("/f1/world", Header(1, 0, 0, 5, 0.0, schema_hash(World)), body)
     writer.close({})
     bag = open_recording(path)
     assert bag.version == palpate.__version__ and bag.about["seed"] == "7"
     assert [(kept.body, kept.publisher) for kept in bag.messages()] == [(body, "simulator")]
-    one, other = recorded_nodes(bag.graph)
-    assert (one.name, other.name) == ("simulator", "recorder")
-    back = one.wiring(Settings)
+    node, recorder_node = recorded_nodes(bag.graph)
+    assert (node.name, recorder_node.name) == ("simulator", "recorder")
+    back = node.wiring(Settings)
     names = ("name", "module", "params", "inputs", "outputs", "schemas")
     assert all(getattr(back, name) == getattr(SIMULATOR, name) for name in names)
     assert publishers_of(bag.graph) == {"/f1/world": "simulator"}
     assert schemas_of(bag.graph) == {"Own": "{}"} and schemas_of(b"") == {}
     with pytest.raises(ValueError, match="the recorded parameters of simulator do not fit"):
-        one.wiring(recorder.Params)
+        node.wiring(recorder.Params)
 
 
 def test_text_that_describes_no_graph_or_file_is_refused(tmp_path: Path):

@@ -47,10 +47,10 @@ def closings(setting: object) -> Iterator[object]:
 
 def patch_of(goal: int, finger: int, x: float = 0.0) -> tuple[str, SurfacePatch]:
     """What a finger met: nothing, at x."""
-    told = {"outcome": "miss", "kind": "miss", "robot_time": 1.0 + finger}
-    told |= {"pose": np.array([x, 0.0, 0.05, 0, 0, 0, 1.0]), "height": np.zeros((16, 16))}
-    told |= {"mask": np.zeros((16, 16), bool), "goal": goal, "finger": finger}
-    return "/touch/patch", example(SurfacePatch, **told)
+    fields = {"outcome": "miss", "kind": "miss", "robot_time": 1.0 + finger}
+    fields |= {"pose": np.array([x, 0.0, 0.05, 0, 0, 0, 1.0]), "height": np.zeros((16, 16))}
+    fields |= {"mask": np.zeros((16, 16), bool), "goal": goal, "finger": finger}
+    return "/touch/patch", example(SurfacePatch, **fields)
 
 
 def published(*more: Any, world: World = TWO, **params: Any) -> list[Any]:
@@ -73,17 +73,17 @@ def test_moves_of_two_fingers_begin_together():
 
 @pytest.mark.parametrize("order", [(1, 2), (2, 1)])
 def test_procedure_goes_on_when_all_have_met_something(order: tuple[int, int]):
-    one, other = (patch_of(0, finger, 0.01) for finger in order)
-    assert len(published(one)) == 2
-    found = published(one, other)[2:]
-    topics = [one[0] for one in found if not isinstance(one, Finished)]
+    first, second = (patch_of(0, finger, 0.01) for finger in order)
+    assert len(published(first)) == 2
+    outputs = published(first, second)[2:]
+    topics = [first[0] for first in outputs if not isinstance(first, Finished)]
     assert topics == ["/probe/traced"] * 2 + ["/procedure/result", "/model/shape"]
-    [result], [model] = messages_on(found, topics[2]), messages_on(found, topics[3])
+    [result], [model] = messages_on(outputs, topics[2]), messages_on(outputs, topics[3])
     assert (result.status, result.reason, result.touches) == ("done", "touched", 2)
     assert result.figures == {"widest_m": 0.01} and result.robot_time == 3.0
     assert model.final and not len(model.faces) and model.method == "procedure"
-    assert isinstance(found[-1], Finished)
-    assert len({probe.id for probe in messages_on(found, "/probe/traced")}) == 2
+    assert isinstance(outputs[-1], Finished)
+    assert len({probe.id for probe in messages_on(outputs, "/probe/traced")}) == 2
 
 
 def test_hand_closes_again_when_it_has_met_something():
@@ -91,11 +91,11 @@ def test_hand_closes_again_when_it_has_met_something():
         ("/hand/contacts", example(GraspContacts, number=n, robot_time=4.0, points=np.ones((2, 3))))
         for n in range(2)
     ]
-    found = published(*contacts, procedure=f"{HERE}:closings")
-    first, second = messages_on(found, "/hand/goal")
+    outputs = published(*contacts, procedure=f"{HERE}:closings")
+    first, second = messages_on(outputs, "/hand/goal")
     assert (first.number, first.fingers, first.opening, first.reach) == (0, 3, 0.1, 0.09)
     assert (second.number, second.pose[2], second.not_before) == (1, 0.04, 4.0)
-    [result] = messages_on(found, "/procedure/result")
+    [result] = messages_on(outputs, "/procedure/result")
     assert (result.figures, result.contacts, result.touches) == ({"contacts": 4.0}, 4, 0)
 
 
@@ -103,17 +103,17 @@ def test_too_few_fingers_or_touches_end_it():
     [result] = messages_on(published(world=replace(TWO, fingers=1)), "/procedure/result")
     assert result.status == "unsuited"
     assert "it needs 2 fingers at once, and there are 1" in result.reason
-    told = [patch_of(0, 1), patch_of(0, 2)]
-    found = published(*told, most_touches=3, settings={"count": 5})
-    [result] = messages_on(found, "/procedure/result")
+    patches = [patch_of(0, 1), patch_of(0, 2)]
+    outputs = published(*patches, most_touches=3, settings={"count": 5})
+    [result] = messages_on(outputs, "/procedure/result")
     assert (result.status, result.reason) == ("incomplete", "3 touches were not enough")
 
 
 @cases(
     "answer, words",
-    (patch_of(7, 1), "nobody asked for touch 0 of goal 7"),
-    (patch_of(0, 3), "nobody asked for touch 0 of goal 0"),
-    (("/hand/contacts", example(GraspContacts)), "nobody asked for closing 0"),
+    (patch_of(7, 1), "unexpected touch 0 of goal 7"),
+    (patch_of(0, 3), "unexpected touch 0 of goal 0"),
+    (("/hand/contacts", example(GraspContacts)), "unexpected closing 0"),
 )
 def test_answer_that_was_not_asked_for_is_refused(answer: Any, words: str):
     with pytest.raises(ValueError, match=words):

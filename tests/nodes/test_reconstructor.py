@@ -66,11 +66,11 @@ def done(number: int, contours: Sequence[int] = (), probes: Sequence[int] = (), 
 @cache
 def tilted() -> tuple[tuple[str, Any], ...]:
     """Messages of a ball in a tilted frame, with a goal after each contour but the first."""
-    found = felt(TILTED, -RADIUS, RADIUS)
-    at = [i for i, (topic, _) in enumerate(found) if topic == "/contour/traced"]
-    found.insert(at[2] + 1, goal(2, [1, 0, 2]))
-    found.insert(at[1] + 1, goal(1, [1, 0]))
-    return (*found, done(3, [1, 0, 2], [3, 4]))
+    felt_points = felt(TILTED, -RADIUS, RADIUS)
+    at = [i for i, (topic, _) in enumerate(felt_points) if topic == "/contour/traced"]
+    felt_points.insert(at[2] + 1, goal(2, [1, 0, 2]))
+    felt_points.insert(at[1] + 1, goal(1, [1, 0]))
+    return (*felt_points, done(3, [1, 0, 2], [3, 4]))
 
 
 def promised(messages: Iterable[tuple[str, Any]]) -> list[Deferred]:
@@ -209,12 +209,12 @@ TOUCHES = 24
 def single(count: int = TOUCHES, **changes: Any) -> Published:
     """Single touches of a ball in mixed order, each a goal of its own."""
     order = np.random.default_rng(0).permutation(TOUCHES)[:count]
-    found: Published = [("/world", HELD), INFO]
+    inputs: Published = [("/world", HELD), INFO]
     for number, which in enumerate(order):
         _, patch = ball_patches(TOUCHES)[which]
-        found.append(("/touch/patch", replace(patch, goal=number, touch=0)))
-        found.append(probe(number))
-    return found
+        inputs.append(("/touch/patch", replace(patch, goal=number, touch=0)))
+        inputs.append(probe(number))
+    return inputs
 
 
 def probe(number: int, outcome: str = "hit") -> tuple[str, Any]:
@@ -250,8 +250,8 @@ def test_models_do_not_depend_on_the_order_in_which_they_are_made():
 
 def test_solid_beyond_the_explored_space_is_rejected():
     near = [(t, replace(m, reach=0.004) if t == "/world" else m) for t, m in single()]
-    [found] = models([*near, of_touches(1, TOUCHES, done)])
-    assert "beyond the space that was explored" in found.rejected[0] and not len(found.faces)
+    [model] = models([*near, of_touches(1, TOUCHES, done)])
+    assert "beyond the space that was explored" in model.rejected[0] and not len(model.faces)
 
 
 def test_where_no_solid_is_sound_the_one_before_stands():
@@ -259,12 +259,12 @@ def test_where_no_solid_is_sound_the_one_before_stands():
     pose = np.array([0.0, 0.0, 0.004, 0.0, 0.0, 0.0, 1.0])
     image = {"height": np.zeros((16, 16)), "mask": np.zeros((16, 16), bool), "pose": pose}
     through = ("/touch/patch", example(types.SurfacePatch, **fields, **image))
-    told = [*single(), of_touches(1, TOUCHES - 2), through, probe(TOUCHES, "miss")]
-    before, found = models([*told, of_touches(2, TOUCHES, done, missed=(TOUCHES,))])
-    assert "a finger has passed through" in found.rejected[0]
-    middles = (found.vertices.mean(axis=0), before.vertices.mean(axis=0))  # of other triangles
-    assert found.final and np.allclose(*middles, atol=5e-4)
-    assert error(found, np.zeros(3), BALL) < 1e-4
+    inputs = [*single(), of_touches(1, TOUCHES - 2), through, probe(TOUCHES, "miss")]
+    before, after = models([*inputs, of_touches(2, TOUCHES, done, missed=(TOUCHES,))])
+    assert "a finger has passed through" in after.rejected[0]
+    middles = (after.vertices.mean(axis=0), before.vertices.mean(axis=0))  # of other triangles
+    assert after.final and np.allclose(*middles, atol=5e-4)
+    assert error(after, np.zeros(3), BALL) < 1e-4
 
 
 @pytest.mark.slow

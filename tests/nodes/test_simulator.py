@@ -52,8 +52,8 @@ def test_start_tells_object_sensor_and_reach():
     off = np.linalg.norm(truth.vertices - [0, 0, 0.03], axis=1) - 0.03
     assert np.abs(off).max() < 1e-9 and len(truth.faces) > 2 * len(truth.floor_faces)
     wide = msgspec.structs.replace(BALL, pose=PoseSpec(position=(0.3, 0.0, 0.0)))
-    for given, reach in ((None, 1.25 * 0.33), (0.2, 0.2)):
-        published = drive(NODE, params=Params(object=wide, reach=given))
+    for own, reach in ((None, 1.25 * 0.33), (0.2, 0.2)):
+        published = drive(NODE, params=Params(object=wide, reach=own))
         assert messages_on(published, "/world")[0].reach == pytest.approx(reach)
     assert drive(NODE, params=Params(object=BALL, finger=2, fingers=2)) == []
 
@@ -133,34 +133,34 @@ def test_plain_scene_imports_nothing_that_it_does_not_use(solid: str, effects: A
     )
     modules = set(done.stdout.split())
     assert not {"numpy.random", "scipy.linalg", "trimesh", "embreex", "manifold3d"} & modules
-    found = {name.removeprefix(EFFECTS) for name in modules if name.startswith(EFFECTS)}
-    assert found == files
+    imported = {name.removeprefix(EFFECTS) for name in modules if name.startswith(EFFECTS)}
+    assert imported == files
 
 
 def test_effects_act_in_one_order():
     effects = {"quantisation": {}, "gaussian_noise": {}, "creep": {}, "pose_error": {}}
-    one, other, ideal = (
+    first, second, ideal = (
         [frame.array for frame in answers(Params(object=BALL, effects=some), *[goal()] * 3)]
         for some in (effects, dict(reversed(effects.items())), {})
     )
-    assert np.array_equal(one, other) and not np.array_equal(one, ideal)
+    assert np.array_equal(first, second) and not np.array_equal(first, ideal)
 
 
 def test_each_finger_takes_its_own_goals_and_draws_its_own_numbers():
     asked = [goal(finger=1), goal(finger=2)]
-    found = []
+    arrays = []
     for finger in (1, 2):
         params = Params(object=BALL, effects={"gaussian_noise": {}}, finger=finger, fingers=2)
         [frame] = answers(params, *asked)
         assert frame.finger == finger
-        found.append(frame.array)
-    assert not np.array_equal(*found)
+        arrays.append(frame.array)
+    assert not np.array_equal(*arrays)
 
 
 def test_effects_of_link_arm_and_face_are_told_or_seen():
     twice = {"transport": {"duplicate": 1.0, "drop": 0.0}}
-    one, other = answers(Params(object=BALL, effects=twice), goal())
-    assert encode(one) == encode(other)
+    first, second = answers(Params(object=BALL, effects=twice), goal())
+    assert encode(first) == encode(second)
     [ideal] = answers(Params(object=BALL), goal())
     [off] = answers(Params(object=BALL, effects={"pose_error": {"sigma": 1e-3}}), goal())
     # Only the way along the normal, which the move measures, can tell.
@@ -176,13 +176,13 @@ def test_hand_tells_where_fingers_met_missed_or_were_blocked():
     beside, low = (
         Pose(np.array(at), FACING_DOWN).array for at in ([0.5, 0.0, 0.03], [0.0, 0.0, 0.001])
     )
-    found = answers(Params(object=BALL), grasp(), grasp(pose=beside), grasp(pose=low))
-    assert [(one.number, one.missed, one.blocked) for one in found] == [
+    results = answers(Params(object=BALL), grasp(), grasp(pose=beside), grasp(pose=low))
+    assert [(one.number, one.missed, one.blocked) for one in results] == [
         (4, 0, 0),
         (4, 6, 0),
         (4, 0, 5),
     ]
-    met, nothing, blocked = found
+    met, nothing, blocked = results
     away = met.points - [0.0, 0.0, 0.03]
     assert np.linalg.norm(away, axis=1) == pytest.approx(np.full(6, 0.03), abs=1e-6)
     assert np.einsum("ij,ij->i", away, met.normals) == pytest.approx(np.full(6, 0.03), abs=1e-6)
@@ -193,9 +193,9 @@ def test_hand_tells_where_fingers_met_missed_or_were_blocked():
 def test_hand_of_another_number_of_fingers_is_another_hand():
     effects = {"pose_error": {"sigma": 1e-4}}
     asked = [grasp(), grasp(fingers=3), grasp(), grasp()]
-    one, few, again, later = answers(Params(object=BALL, effects=effects), *asked)
+    first, few, again, later = answers(Params(object=BALL, effects=effects), *asked)
     assert len(few.points) == 4
-    assert np.array_equal(one.points, again.points)  # its draws begin anew
+    assert np.array_equal(first.points, again.points)  # its draws begin anew
     assert 1e-6 < np.abs(again.points - later.points).max() < 2e-3
     noisy = Params(object=BALL, effects={**effects, "gaussian_noise": {}})
     [alone] = answers(noisy, goal())  # the hand does not shift what the finger draws
@@ -211,13 +211,13 @@ def test_moves_give_the_robot_time_back(robot: str, effects: dict[str, Any]):
         for number, (contour, height) in enumerate(heights)
     ]
     params = Params(object=BALL, robot=robot, effects=effects)
-    found = answers(params, grasp(not_before=2.0), *asked)
-    moves = MoveGeometry.of_rows(np.array([one.move for one in found]))
-    times = [one.robot_time for one in found]
+    results = answers(params, grasp(not_before=2.0), *asked)
+    moves = MoveGeometry.of_rows(np.array([one.move for one in results]))
+    times = [one.robot_time for one in results]
     spent = np.cumsum(move_durations(moves, ROBOT_PRESETS[robot]).total())
     assert spent == pytest.approx(times, rel=1e-12)
     assert (moves.along >= 0.0).tolist() == [False, False, True, False, False]
-    contacts = found[0]  # of which the finger that went farthest tells the time
+    contacts = results[0]  # of which the finger that went farthest tells the time
     assert contacts.move[[0, 1, 2]] == pytest.approx([2.0, 0.0, 0.0])
     if not effects:
         assert contacts.move[3] == pytest.approx(0.071, abs=1e-4)

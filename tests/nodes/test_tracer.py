@@ -42,9 +42,9 @@ def publish(goal: ContourGoal | ProbeGoal, **simulated: Any) -> Published:
 
 
 def traced(goal: ContourGoal | ProbeGoal, **simulated: Any) -> Any:
-    *_, (topic, found) = publish(goal, **simulated)
+    *_, (topic, message) = publish(goal, **simulated)
     assert topic in ("/contour/traced", "/probe/traced")
-    return found
+    return message
 
 
 @cache
@@ -95,13 +95,13 @@ def test_frame_turned_with_the_object_changes_no_touch(axis: tuple[float, float,
     )
     assert aligned.status == turned.status == "closed" and aligned.touches == turned.touches
     axes = Pose.from_array(frame).axes
-    for one, other, off in (
+    for first, second, off in (
         (Pose.from_array(frame).to_outer(aligned.points), turned.points, 1e-9),
         (aligned.normals @ axes.T, turned.normals, 1e-6),
         (aligned.contact_low, turned.contact_low, 1e-9),
         (aligned.contact_high, turned.contact_high, 1e-9),
     ):
-        assert np.allclose(one, other, rtol=0, atol=off)
+        assert np.allclose(first, second, rtol=0, atol=off)
 
 
 @pytest.mark.parametrize("most", [0, 7])
@@ -138,11 +138,11 @@ def test_probe_finds_the_top_or_the_end_of_its_reach():
 
 
 def test_fingers_have_clocks_and_errors_of_their_own():
-    one = Params(object=BALL, effects={"pose_error": {}}, fingers=2)
-    begun = drive(simulator.NODE, params=one)  # the first finger's tells of sensor and world
+    params = Params(object=BALL, effects={"pose_error": {}}, fingers=2)
+    begun = drive(simulator.NODE, params=params)  # the first finger's tells of sensor and world
     goals = [("/contour/goal", contour_goal(finger=number, radius=0.05)) for number in (1, 2)]
-    [first] = messages_on(touching(goals[:1], one), "/contour/traced")
-    published = touching([*begun, goals[1]], structs.replace(one, finger=2))
+    [first] = messages_on(touching(goals[:1], params), "/contour/traced")
+    published = touching([*begun, goals[1]], structs.replace(params, finger=2))
     [second] = messages_on(published, "/contour/traced")
     assert [first.finger, second.finger] == [1, 2]
     assert second.robot_time == pytest.approx(first.robot_time, rel=0.2)
@@ -214,10 +214,14 @@ def test_touch_that_starts_inside_is_repeated_from_farther_off():
 @pytest.mark.parametrize(("most", "kind"), [(3, "invalid"), (1, "invalid"), (2, "miss")])
 def test_frames_without_a_surface_end_a_contour(most: int, kind: str):
     patches = [patch(n, kind=kind, fault="dead", outcome="hit") for n in range(most)]
-    found = asked(ALONE, ("/contour/goal", contour_goal()), *patches, most_faults=most)
-    assert isinstance(found[-1], types.TouchGoal) == (kind == "miss")
+    outputs = asked(ALONE, ("/contour/goal", contour_goal()), *patches, most_faults=most)
+    assert isinstance(outputs[-1], types.TouchGoal) == (kind == "miss")
     if kind == "invalid":
-        assert (found[-1].status, found[-1].fault, found[-1].touches) == ("stuck", "dead", most)
+        assert (outputs[-1].status, outputs[-1].fault, outputs[-1].touches) == (
+            "stuck",
+            "dead",
+            most,
+        )
     probed = asked(ALONE, ("/probe/goal", probe_goal(id=0)), patch(kind=kind, fault="dead"))
     assert probed[-1].fault == ("dead" if kind == "invalid" else "none")
 
@@ -231,7 +235,7 @@ def test_contour_is_given_up_after_most_touches():
 @pytest.mark.parametrize("order", [0, 1])
 def test_patch_that_was_not_asked_for_is_refused(order: int):
     wrong = [patch(goal=1), patch(goal=1)] if order else [patch(touch=1, goal=1)]
-    with pytest.raises(ValueError, match=f"nobody asked for touch {1 - order} of goal 1"):
+    with pytest.raises(ValueError, match=f"unexpected touch {1 - order} of goal 1"):
         asked(ALONE, ("/probe/goal", probe_goal()), *wrong)
 
 

@@ -45,9 +45,9 @@ def touch(**changes: Any) -> tuple[str, TouchGoal]:
 
 
 def test_touch_meets_the_object_as_it_lies_and_says_in_which_placement():
-    found = published(touch(), ("/hand/turn", TURN), touch(touch=1, placement=1))
-    before, after = messages_on(found, "/touch/raw")
-    [turned] = messages_on(found, "/hand/turned")
+    outputs = published(touch(), ("/hand/turn", TURN), touch(touch=1, placement=1))
+    before, after = messages_on(outputs, "/touch/raw")
+    [turned] = messages_on(outputs, "/hand/turned")
     assert (before.placement, after.placement, turned.placement) == (0, 1, 1)
     # It stands on its platform 12 mm below its middle, and is 24 mm high, then 40.
     assert before.pose[2] == pytest.approx(0.012 - 1e-3, abs=1e-4)
@@ -61,9 +61,9 @@ def test_touch_meets_the_object_as_it_lies_and_says_in_which_placement():
 def test_touch_of_a_later_placement_waits_for_its_turn_and_order_changes_nothing():
     first = published(("/hand/turn", TURN), touch(placement=1))
     second = published(touch(placement=1), ("/hand/turn", TURN))
-    one, other = (messages_on(found, "/touch/raw") for found in (first, second))
-    assert len(one) == len(other) == 1 and isinstance(one[0], TactileFrame)
-    assert one[0].array == pytest.approx(other[0].array, abs=0.0)
+    frames, late_frames = (messages_on(found, "/touch/raw") for found in (first, second))
+    assert len(frames) == len(late_frames) == 1 and isinstance(frames[0], TactileFrame)
+    assert frames[0].array == pytest.approx(late_frames[0].array, abs=0.0)
     assert messages_on(published(touch(placement=1)), "/touch/raw") == []
 
 
@@ -82,8 +82,8 @@ def model(**changes: Any) -> ShapeModel:
 
 def test_planner_takes_the_pose_of_the_last_placement_or_says_why_there_is_none():
     lying = Lying(1, None)
-    told = lying_of(replace(model(), placements=ON_ITS_SIDE.array[None]), lying)
-    assert told.pose is not None and told.pose.array == pytest.approx(ON_ITS_SIDE.array)
+    located = lying_of(replace(model(), placements=ON_ITS_SIDE.array[None]), lying)
+    assert located.pose is not None and located.pose.array == pytest.approx(ON_ITS_SIDE.array)
     why = lying_of(model(placement_faults=("contacts fit the solid nowhere",)), lying)
     assert why.pose is None and why.fault.endswith("turned: contacts fit the solid nowhere")
     assert lying_of(model(), Lying()) == Lying()
@@ -102,8 +102,8 @@ def solid_of(shape: Superquadric) -> GeneralSolid:
     np.add.at(normals, mesh.faces.ravel(), np.repeat(across, 3, axis=0))
     parts = [np.flatnonzero(one < 5e-3) for one in away]
     number = np.repeat(np.arange(60, dtype=np.int32), [len(one) for one in parts])
-    every = np.concatenate(parts)
-    return rebuild_general(ContactPoints(mesh.vertices[every], normals[every], number))
+    points = np.concatenate(parts)
+    return rebuild_general(ContactPoints(mesh.vertices[points], normals[points], number))
 
 
 def test_looking_alike_costs_nothing_unless_what_was_touched_since_would_be_misplaced():

@@ -63,7 +63,7 @@ def test_keywords_plan_the_run_of_the_same_options(words, options, performed, ca
         ({"quality": "best"}, "--quality best"),
         ({"noise": "loud"}, "--noise loud: must be one of none, low, default, high"),
         ({"procedure": "fishing"}, "--procedure fishing: must be one of containment, planar"),
-        ({"procedure": "planar", "budget": 9}, "--budget 9.0s: --procedure planar explores in its"),
+        ({"procedure": "planar", "budget": 9}, "--budget 9.0s: --procedure planar does not use it"),
         ({"unit": "mm"}, "--unit mm: vase is no mesh; a scene has object.mesh.unit"),
         ({"size": "8cm"}, "--size 8cm: vase is no mesh; a scene has object.mesh.size"),
         ({"fingers": 0}, "fingers"),

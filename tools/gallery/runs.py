@@ -137,4 +137,5 @@ def draw_deviation() -> Figure:
 def draw_cost() -> Figure:
     """Error and bound of each model against touches and times, and where the processor's went."""
     width = style.WIDTH * charts.PIXELS_PER_INCH
-    return cost_chart.draw_cost(explored(SCENE).summary, (width, COST_HEIGHT), heading=False)
+    settings = cost_chart.CostChartSettings(figure_size=(width, COST_HEIGHT))
+    return cost_chart.draw_cost(explored(SCENE).summary, has_heading=False, settings=settings)

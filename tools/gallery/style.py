@@ -25,7 +25,7 @@ SOLID = rgb_of("solid")
 MARGIN = 1.08  # Around what a camera is fitted to, times its extent
 OPENING = 10.0  # Of cameras, degrees: nearly parallel rays
 OBLIQUE, FROM_SIDE, FROM_TOP = (-63.0, 22.0), (-90.0, 0.0), (-90.0, 90.0)  # Azimuth, elevation
-styled = matplotlib.rc_context({**charts.LOOK, "text.parse_math": True})  # decorates what draws
+styled = matplotlib.rc_context({**charts.STYLE, "text.parse_math": True})  # decorates what draws
 Draw = Callable[[Canvas], None]  # Draws something into a canvas
 
 

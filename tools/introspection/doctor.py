@@ -19,7 +19,7 @@ import zmq
 
 from palpate import __version__
 from palpate.launch.printing import titled
-from palpate.launch.processes.node_status import SILENCE
+from palpate.launch.processes.node_status import DEFAULT_SUPERVISION
 from palpate.launch.processes.registry import (
     GRAPH_VARIABLE,
     LONGEST_SOCKET,
@@ -197,7 +197,7 @@ def _faults(
             continue
         if about["restarts"]:
             yield doubtful(f"{who} was started again {about['restarts']} times; see log.jsonl")
-        if about["silent_s"] > SILENCE:
+        if about["silent_s"] > DEFAULT_SUPERVISION.silence_limit:
             silent = f"{about['silent_s']:.0f} s"
             yield doubtful(f"{who} has been silent for {silent}: it works, or hangs")
         if name in beats and beats[name].status.gaps:

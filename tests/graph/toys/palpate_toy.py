@@ -43,8 +43,8 @@ def frame(touch: int) -> TactileFrame:
 def wiring(name: str, module: str, params: object, upstream: str = "", **more: object) -> Wiring:
     """Wiring of a toy that subscribes to at most one other."""
     inputs = (Input(upstream, f"/{upstream}", "/in", "TactileFrame"),) if upstream else ()
-    given = {"inputs": inputs, "outputs": {"/out": f"/{name}"}, "subscribers": {}, **more}
-    return Wiring(name=name, module=module, params=params, **given)  # type: ignore[arg-type]
+    options = {"inputs": inputs, "outputs": {"/out": f"/{name}"}, "subscribers": {}, **more}
+    return Wiring(name=name, module=module, params=params, **options)  # type: ignore[arg-type]
 
 
 def toy(name: str, *, upstream: str = "", **params: object) -> Wiring:

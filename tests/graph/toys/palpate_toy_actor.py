@@ -18,10 +18,10 @@ class Params(msgspec.Struct, frozen=True, kw_only=True):
 def _act(params: Params, state: None, message: TactileFrame) -> tuple[None, Outputs]:
     with Path(params.path).open("a", encoding="utf-8") as file:
         file.write(f"{message.touch}\n")
-    told: Outputs = [("/out", message)]
+    outputs: Outputs = [("/out", message)]
     if message.touch == params.expects - 1:
-        told.append(Finished(f"{params.expects} done"))
-    return None, told
+        outputs.append(Finished(f"{params.expects} done"))
+    return None, outputs
 
 
 NODE = Node(

@@ -37,12 +37,12 @@ UNUSED = np.array([*CORNERS, (99, 99, 99)])
 @pytest.mark.parametrize(("unit", "metres"), METRES_PER_UNIT.items())
 def test_closed_mesh_is_read_in_metres_with_each_corner_once(write, unit, metres):
     file = write("x.off", off(UNUSED * 1e-3 / metres))
-    vertices, faces, told = mesh_file.read_mesh(file, unit)
-    assert (told, vertices.shape, faces.shape, faces.dtype) == ("", (4, 3), (4, 3), np.int32)
+    vertices, faces, notes = mesh_file.read_mesh(file, unit)
+    assert (notes, vertices.shape, faces.shape, faces.dtype) == ("", (4, 3), (4, 3), np.int32)
     assert vertices.max() == pytest.approx(0.01)
-    by_size, same, told = mesh_file.read_mesh(file, size=0.01)
+    by_size, same, notes = mesh_file.read_mesh(file, size=0.01)
     assert by_size == pytest.approx(vertices) and np.array_equal(same, faces)
-    assert told.endswith("to 10 x 10 x 10 mm")
+    assert notes.endswith("to 10 x 10 x 10 mm")
     text = trimesh.Trimesh(CORNERS, FACES, process=False).export(file_type="stl_ascii")
     facets, _, _ = mesh_file.read_mesh(write("x.stl", text), "mm")
     assert np.unique(facets, axis=0) == pytest.approx(np.unique(vertices, axis=0))
@@ -88,8 +88,8 @@ def test_mesh_too_large_missing_or_too_fine_is_refused(write, tmp_path, monkeypa
     ([FACES[0][::-1], *FACES[1:]], "x.off: 1 face turned like the others"),
 ])  # fmt: skip
 def test_mended_mesh_is_sound_and_said_to_be_mended(write, faces, words):
-    vertices, mended, told = mesh_file.read_mesh(write("x.off", off(faces=faces)), "mm")
-    assert told == words
+    vertices, mended, notes = mesh_file.read_mesh(write("x.off", off(faces=faces)), "mm")
+    assert notes == words
     assert solidity(vertices, mended).volume == pytest.approx(1e-6 / 6)
 
 
@@ -99,8 +99,8 @@ def test_mended_mesh_is_sound_and_said_to_be_mended(write, faces, words):
 def test_unit_is_guessed_where_one_alone_is_likely(write, scale, unit):
     file = write("x.off", off(scale * CORNERS))
     if unit:
-        vertices, _, told = mesh_file.read_mesh(file)
-        assert told == f"x.off: taken to be in {unit}, 100 x 100 x 100 mm"
+        vertices, _, notes = mesh_file.read_mesh(file)
+        assert notes == f"x.off: taken to be in {unit}, 100 x 100 x 100 mm"
         assert vertices.max() == pytest.approx(0.1)
     else:
         with pytest.raises(InputError, match="cannot be guessed; give the unit: m, cm, mm, um"):
@@ -142,8 +142,8 @@ def test_uncertainty_is_stated_by_height_or_vertex_and_written(tetrahedron, tmp_
     assert mesh_file.uncertainties(general).tolist() == [0.001, 0.002, 0.003, 0.004]
     mesh_file.export_model(general, tmp_path)
     raw = trimesh.load(tmp_path / "mesh.ply", process=False).metadata["_ply_raw"]
-    found = raw["vertex"]["data"]["uncertainty"]
-    assert found == pytest.approx(mesh_file.uncertainties(general))
+    written = raw["vertex"]["data"]["uncertainty"]
+    assert written == pytest.approx(mesh_file.uncertainties(general))
     vertices, *_ = mesh_file.read_mesh(tmp_path / "mesh.ply", "m")
     np.testing.assert_allclose(np.ptp(vertices, axis=0), [0.01, 0.02, 0.03], rtol=1e-6)
     mesh_file.export_model(silent, tmp_path)
@@ -152,8 +152,8 @@ def test_uncertainty_is_stated_by_height_or_vertex_and_written(tetrahedron, tmp_
 
 def test_arrays_of_model_are_read_without_pickle(tetrahedron, tmp_path):
     mesh_file.export_model(tetrahedron, tmp_path)
-    with np.load(tmp_path / "model.npz", allow_pickle=False) as found:
-        arrays = dict(found)
+    with np.load(tmp_path / "model.npz", allow_pickle=False) as stored:
+        arrays = dict(stored)
     np.testing.assert_array_equal(arrays["vertices"], tetrahedron.vertices)
     np.testing.assert_array_equal(arrays["faces"], tetrahedron.faces)
     lists = {name: arrays[name].tolist() for name in ("contours", "probes", "dropped_reasons")}

@@ -14,15 +14,13 @@ def volume(vertices, faces):
 
 @pytest.mark.parametrize("name", MESHES)
 def test_every_format_gives_the_surface_that_was_written(name):
-    found = READERS[name.rpartition(".")[2]](MESHES[name])
-    assert (found.vertices.dtype, found.faces.dtype) == (np.float64, np.int64)
+    mesh = READERS[name.rpartition(".")[2]](MESHES[name])
+    assert (mesh.vertices.dtype, mesh.faces.dtype) == (np.float64, np.int64)
     raised = np.array([0.0, 0.0, 50.0]) if name.endswith("glb") else np.zeros(3)
-    corners = found.vertices[found.faces] - raised
+    corners = mesh.vertices[mesh.faces] - raised
     if name == "mixed.ply":  # its quadrilateral may be cut along the other diagonal
-        assert len(found.faces) == len(FACES)
-        assert volume(found.vertices, found.faces) == pytest.approx(
-            volume(VERTICES, FACES), rel=0.01
-        )
+        assert len(mesh.faces) == len(FACES)
+        assert volume(mesh.vertices, mesh.faces) == pytest.approx(volume(VERTICES, FACES), rel=0.01)
     else:  # coordinates are rounded to 1e-4 mm, or to single precision
         assert corners == pytest.approx(VERTICES[FACES], abs=1e-4)
 
@@ -47,9 +45,9 @@ def test_colours_and_line_ends_are_ignored():
     off = READERS["off"](
         b"COFF 3 1 0\n0 0 0 255 0 0 255\n1 0 0 0 0 0 0\n0 1 0 0 0 0 0\n3 0 1 2 9\n"
     )
-    for found in (obj, off):
-        np.testing.assert_array_equal(found.vertices, [[0, 0, 0], [1, 0, 0], [0, 1, 0]])
-        assert found.faces.tolist() == [[0, 1, 2]]
+    for mesh in (obj, off):
+        np.testing.assert_array_equal(mesh.vertices, [[0, 0, 0], [1, 0, 0], [0, 1, 0]])
+        assert mesh.faces.tolist() == [[0, 1, 2]]
 
 
 def test_glb_nodes_transform_their_mesh():
@@ -58,22 +56,22 @@ def test_glb_nodes_transform_their_mesh():
     place[:3, 3] = [100.0, 0.0, 0.0]
     moved = {"mesh": 0, "matrix": place.T.ravel().tolist()}
     unread = {"byteLength": 4, "uri": "textures.bin"}
-    found = READERS["glb"](changed(nodes=[turn, moved], buffers=[*GLTF["buffers"], unread]))
+    mesh = READERS["glb"](changed(nodes=[turn, moved], buffers=[*GLTF["buffers"], unread]))
     # First 100 mm along x, then twice as large and turned about z, from x to y.
-    np.testing.assert_allclose(found.vertices.mean(axis=0), [0.0, 200.0, 0.0], atol=1e-3)
-    np.testing.assert_allclose(np.ptp(found.vertices, axis=0), [100.0, 120.0, 160.0], rtol=1e-2)
+    np.testing.assert_allclose(mesh.vertices.mean(axis=0), [0.0, 200.0, 0.0], atol=1e-3)
+    np.testing.assert_allclose(np.ptp(mesh.vertices, axis=0), [100.0, 120.0, 160.0], rtol=1e-2)
 
 
 def test_glb_scene_repeats_and_mirrors_meshes():
     mirrored = {"mesh": 0, "translation": [200.0, 0.0, 0.0], "scale": [-1.0, 1.0, 1.0]}
     nodes = [{"mesh": 0}, mirrored, {"mesh": 0, "translation": [9e9, 0.0, 0.0]}]
-    one = READERS["glb"](MESHES["plain.glb"])
+    single = READERS["glb"](MESHES["plain.glb"])
     data = changed(nodes=nodes, scenes=[{"nodes": [2]}, {"nodes": [0, 1]}], scene=1)
-    found = READERS["glb"](data + b"\n")
-    assert volume(found.vertices, found.faces) == pytest.approx(
-        2.0 * volume(one.vertices, one.faces)
+    mesh = READERS["glb"](data + b"\n")
+    assert volume(mesh.vertices, mesh.faces) == pytest.approx(
+        2.0 * volume(single.vertices, single.faces)
     )
-    assert found.notes == ("2 pieces put together", "1 byte after its end passed over")
+    assert mesh.notes == ("2 pieces put together", "1 byte after its end ignored")
 
 
 @pytest.mark.parametrize(("mode", "corners"), [(5, [0, 1, 2, 3]), (6, [0, 1, 3, 2])])
@@ -86,8 +84,8 @@ def test_strips_and_fans_become_triangles_of_one_orientation(mode, corners):
         "bufferViews": [{"buffer": 0, "byteLength": 48}],
         "buffers": [{"byteLength": 48}],
     }
-    found = READERS["glb"](glb(described, places.tobytes()))
-    a, b, c = found.vertices[found.faces].transpose(1, 0, 2)
+    mesh = READERS["glb"](glb(described, places.tobytes()))
+    a, b, c = mesh.vertices[mesh.faces].transpose(1, 0, 2)
     np.testing.assert_allclose(np.cross(b - a, c - a)[:, 2], [1.0, 1.0])
 
 
@@ -138,7 +136,7 @@ def stl(old, new):
     ("ply", lambda: ply(b"vertex 162", b"vertex -162"), "states '-162' as a count"),
     ("ply", lambda: ply(b"vertex 162", b"vertex 9999999"), "states 9999999 vertices"),
     ("ply", lambda: ply(b"face 320", b"face 2000000000"), "states 2000000000 faces"),
-    ("ply", lambda: ply(b"face 320", b"face 321"), "is cut short: it has not the 321 of 'face'"),
+    ("ply", lambda: ply(b"face 320", b"face 321"), "it lacks some of 321 rows of 'face'"),
     ("ply", lambda: MESHES["little.ply"][:900], "is cut short"),
     ("ply", lambda: MESHES["mixed.ply"][:-2], "is cut short"),
     ("ply", lambda: ply(b"face 320", b"face 319"), "has more in it than its header states"),
@@ -149,7 +147,7 @@ def stl(old, new):
     ("ply", lambda: ply(b"uchar int", b"float int"), "whose length is no whole number"),
     ("ply", lambda: ply(b"vertex_indices", b"corners"), "faces without a list 'vertex_indices'"),
     ("ply", lambda: ply(b"element", b"elephant"), "the line 'elephant vertex 162' in its header"),
-    ("ply", lambda: ply(b"format ascii 1.0\n", b""), "does not tell its format"),
+    ("ply", lambda: ply(b"format ascii 1.0\n", b""), "does not state its format"),
     ("ply", lambda: ply(b"\n3 ", b"\n2000000000 "), "a list 'vertex_indices' of 2e"),
     ("ply", lambda: ply(b"\n3 ", b"\n-3 "), "a list 'vertex_indices' of -3 items"),
     ("ply", lambda: ply(b"\n3 ", b"\n3 0.5"), "a corner that is no whole number"),

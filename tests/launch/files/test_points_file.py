@@ -29,28 +29,28 @@ def test_table_gives_its_contours_in_order(write, mark):
     rows = [[1, 2, 3, 7], [4, 5, 6, 7], [7, 8, 9, 2], [1, 1, 1, 7]]
     lines = [mark.join(map(str, row)) for row in [["z", "y", "X", "contour"], *rows]]
     text = "\n".join(["# a comment", *lines])
-    found = read_points(write("a.csv", f"{text}  # the last\n\n"))
+    table = read_points(write("a.csv", f"{text}  # the last\n\n"))
     expected = [[[3, 2, 1], [6, 5, 4], [1, 1, 1]], [[9, 8, 7]]]
-    assert [one.tolist() for one in found.contours] == expected
-    assert found.places == ("contour 7 (lines 3 to 6)", "contour 2 (lines 5 to 5)")
-    assert found.normals is None and found.taxels is None
+    assert [one.tolist() for one in table.contours] == expected
+    assert table.places == ("contour 7 (lines 3 to 6)", "contour 2 (lines 5 to 5)")
+    assert table.normals is None and table.taxels is None
 
 
 def test_normals_and_touches_are_read_among_other_columns(write):
     text = "x,y,z,contour,colour,nx,ny,nz,touch\n0,1,2,0,red,1,0,0,4\n3,4,5,0,blue,0,1,0,5\n"
-    found = read_points(write("a.csv", text))
-    assert found.normals is not None and found.taxels is not None
-    assert found.normals[0].tolist() == [[1, 0, 0], [0, 1, 0]]
-    assert found.taxels.touch.tolist() == [0, 1]
-    assert found.taxels.points.tolist() == [[0, 1, 2], [3, 4, 5]]
-    assert found.scaled(0.1).taxels.points.max() == pytest.approx(0.5)  # type: ignore[union-attr]
+    table = read_points(write("a.csv", text))
+    assert table.normals is not None and table.taxels is not None
+    assert table.normals[0].tolist() == [[1, 0, 0], [0, 1, 0]]
+    assert table.taxels.touch.tolist() == [0, 1]
+    assert table.taxels.points.tolist() == [[0, 1, 2], [3, 4, 5]]
+    assert table.scaled(0.1).taxels.points.max() == pytest.approx(0.5)  # type: ignore[union-attr]
 
 
 def test_points_not_finite_are_left_out_by_line(write):
     lines = ["x,y,z,contour"] + [f"{i},nan,0,0" if i % 3 else f"{i},1,0,0" for i in range(12)]
-    found = read_points(write("a.csv", "\n".join(lines)))
-    assert len(found.contours[0]) == 4
-    assert found.notes == ("left out 8 points not finite, lines 3, 4, 6, 7, 9, 10 and 2 more",)
+    table = read_points(write("a.csv", "\n".join(lines)))
+    assert len(table.contours[0]) == 4
+    assert table.notes == ("left out 8 points not finite, lines 3, 4, 6, 7, 9, 10 and 2 more",)
 
 
 @pytest.mark.parametrize(("text", "words"), [
@@ -81,7 +81,7 @@ def test_file_without_text_or_points_is_refused(tmp_path):
     with pytest.raises(InputError, match=r"'.stl' is no format of points; known: .npz"):
         read_points(tmp_path / "a.stl")
     (tmp_path / "a.ply").write_bytes(MESHES["text.ply"])
-    with pytest.raises(InputError, match="holds a surface; to measure it there is palpate score"):
+    with pytest.raises(InputError, match="holds a surface; palpate score measures it"):
         read_points(tmp_path / "a.ply")
     with pytest.raises(InputError, match=r"b.csv: cannot be read: No such file"):
         read_points(tmp_path / "b.csv")
@@ -94,14 +94,14 @@ def test_arrays_give_contours_in_each_of_three_forms(tmp_path):
     np.savez(tmp_path / "a.npz", contour_10=rings[2], contour_2=rings[1], contour_0=rings[0])
     np.savez(tmp_path / "b.npz", contours=np.array(rings), tops=[[0, 0, 3.0]])
     numbers = np.repeat([5, 1, 9], 24)
-    every = np.concatenate(rings)
-    more = {"normals": every, "touch": numbers}
-    np.savez(tmp_path / "c.npz", contours=every, contour=numbers, **more)
+    points = np.concatenate(rings)
+    more = {"normals": points, "touch": numbers}
+    np.savez(tmp_path / "c.npz", contours=points, contour=numbers, **more)
     for name in "abc":
-        found = read_points(tmp_path / f"{name}.npz")
-        assert np.array_equal(np.array(found.contours), np.array(rings))
-        assert (found.tops is not None) == (name == "b")
-        assert (found.normals is not None) == (name == "c")
+        read = read_points(tmp_path / f"{name}.npz")
+        assert np.array_equal(np.array(read.contours), np.array(rings))
+        assert (read.tops is not None) == (name == "b")
+        assert (read.normals is not None) == (name == "c")
     assert read_points(tmp_path / "c.npz").places == ("contour 5", "contour 1", "contour 9")
 
 
@@ -158,17 +158,17 @@ def test_cloud_is_cut_at_its_heights_and_ordered(tmp_path):
     rng = np.random.default_rng(0)
     rings = [ring(z, 3.0 + z) for z in (0.0, 0.7, 2.0, 3.1)]
     noisy = np.concatenate(rings) + 0.01 * rng.normal(size=(96, 3))
-    found = read_cloud(tmp_path, noisy[rng.permutation(96)])
-    assert [len(one) for one in found.contours] == [24] * 4
-    for one, true in zip(found.contours, rings, strict=True):
-        assert tour(one).max() < 1.3 * tour(true).max()
-    assert "96 points lie at 4 heights" in found.notes[0]
-    assert found.places[0].startswith("slice 0 (z = ")
+    cloud = read_cloud(tmp_path, noisy[rng.permutation(96)])
+    assert [len(contour) for contour in cloud.contours] == [24] * 4
+    for contour, true in zip(cloud.contours, rings, strict=True):
+        assert tour(contour).max() < 1.3 * tour(true).max()
+    assert "96 points lie at 4 heights" in cloud.notes[0]
+    assert cloud.places[0].startswith("slice 0 (z = ")
     exact = np.concatenate([ring(z)[:10] * [1.0, 0.4, 1.0] for z in (0.0, 1e-3, 5.0, 5.5)])
-    found = read_cloud(tmp_path, rng.permutation(exact))
-    assert [len(one) for one in found.contours] == [10] * 4
-    for one in found.contours:  # by azimuth about the middle
-        offsets = (one - one.mean(axis=0))[:, :2]
+    cloud = read_cloud(tmp_path, rng.permutation(exact))
+    assert [len(contour) for contour in cloud.contours] == [10] * 4
+    for contour in cloud.contours:  # by azimuth about the middle
+        offsets = (contour - contour.mean(axis=0))[:, :2]
         steps = np.diff(np.unwrap(np.arctan2(offsets[:, 1], offsets[:, 0])))
         assert (steps > 0.0).all() or (steps < 0.0).all()
 
@@ -178,11 +178,11 @@ def test_horseshoe_is_ordered_by_the_shortest_tour(tmp_path):
     outer = 3.0 * np.column_stack([np.cos(turn), np.sin(turn)])
     true = np.concatenate([outer, 0.6 * outer[::-1]])
     cloud = np.column_stack([np.tile(true, (3, 1)), np.repeat([0.0, 1.0, 2.0], len(true))])
-    found = read_cloud(tmp_path, np.random.default_rng(1).permutation(cloud))
-    assert "3 of 3 slices are not star-shaped" in found.notes[1]
-    for one in found.contours:
-        assert sorted(map(tuple, one[:, :2])) == sorted(map(tuple, true))
-        assert tour(one).sum() <= tour(true).sum() * (1 + 1e-9)
+    cut = read_cloud(tmp_path, np.random.default_rng(1).permutation(cloud))
+    assert "3 of 3 slices are not star-shaped" in cut.notes[1]
+    for contour in cut.contours:
+        assert sorted(map(tuple, contour[:, :2])) == sorted(map(tuple, true))
+        assert tour(contour).sum() <= tour(true).sum() * (1 + 1e-9)
 
 
 @pytest.mark.parametrize(
@@ -197,8 +197,8 @@ def test_cloud_without_repeated_heights_is_refused(z, tmp_path):
 
 
 def test_tops_are_read_from_a_table(write):
-    found = read_tops(write("t.csv", "0 0 5\n0 0 -1\n"))
-    assert found.tolist() == [[0, 0, 5], [0, 0, -1]]
+    tops = read_tops(write("t.csv", "0 0 5\n0 0 -1\n"))
+    assert tops.tolist() == [[0, 0, 5], [0, 0, -1]]
     with pytest.raises(InputError, match="holds no points that are finite"):
         read_tops(write("u.csv", "0 0 nan\n"))
 
@@ -223,8 +223,8 @@ def contour(number, status="closed", frame=IDENTITY_POSE):
     places, heights = np.full((4, 3), 0.1 * number), np.full(4, 0.1 * number)
     normals, height = np.tile([1.0, 0.0, 0.0], (4, 1)), 0.1 * number
     ends = {"contact_low": heights, "contact_high": heights, "curvature": np.zeros(4)}
-    given = {"id": number, "frame": frame, "height": height, "points": places, "status": status}
-    return example(Contour, normals=normals, finger=1, touches=4, **given, **ends)
+    fields = {"id": number, "frame": frame, "height": height, "points": places, "status": status}
+    return example(Contour, normals=normals, finger=1, touches=4, **fields, **ends)
 
 
 def probe(number, outcome="hit"):
@@ -242,17 +242,17 @@ def patch(goal, touch, points):
 def test_recording_gives_the_contours_that_the_plan_ended_with(tmp_path):
     traced = [contour(1), contour(2), contour(3)]
     probes = [probe(4), probe(5, "miss"), probe(6)]
-    found = recorded(tmp_path, *traced, *probes, example(PlanDone, contours=(1, 3), probes=(4, 5)))
-    assert found.places == ("contour 1", "contour 3")
-    assert [one[0, 0] for one in found.contours] == pytest.approx([0.1, 0.3])
-    assert found.tops is not None and found.tops.tolist() == [[0.0, 0.0, 4.0]]
-    assert found.normals is not None and len(found.normals) == 2
+    read = recorded(tmp_path, *traced, *probes, example(PlanDone, contours=(1, 3), probes=(4, 5)))
+    assert read.places == ("contour 1", "contour 3")
+    assert [one[0, 0] for one in read.contours] == pytest.approx([0.1, 0.3])
+    assert read.tops is not None and read.tops.tolist() == [[0.0, 0.0, 4.0]]
+    assert read.normals is not None and len(read.normals) == 2
 
 
 def test_contours_that_were_not_closed_are_left_out_or_refused(tmp_path):
-    found = recorded(tmp_path, contour(1), contour(2, "stuck"))
-    assert (found.places, found.tops) == (("contour 1",), None)
-    assert "left out 1 contours that were not closed" in found.notes
+    read = recorded(tmp_path, contour(1), contour(2, "stuck"))
+    assert (read.places, read.tops) == (("contour 1",), None)
+    assert "left out 1 contours that were not closed" in read.notes
     with pytest.raises(InputError, match="holds no closed contour, of 1 that were traced"):
         recorded(tmp_path, contour(1, "stuck"))
     with pytest.raises(InputError, match=r"topics\.mcap: contours must be traced in one slicing"):
@@ -262,12 +262,12 @@ def test_contours_that_were_not_closed_are_left_out_or_refused(tmp_path):
 @pytest.mark.parametrize("frame", [IDENTITY_POSE, TILTED], ids=["upright", "tilted"])
 def test_platform_is_a_touch_of_an_upright_object_alone(frame, tmp_path):
     upright = frame is IDENTITY_POSE
-    found = recorded(tmp_path, contour(1, frame=frame), contour(2, frame=frame), WORLD)
-    assert found.frame is not None and np.array_equal(found.frame, frame)
-    assert (None if found.tops is None else found.tops.tolist()) == (
+    read = recorded(tmp_path, contour(1, frame=frame), contour(2, frame=frame), WORLD)
+    assert read.frame is not None and np.array_equal(read.frame, frame)
+    assert (None if read.tops is None else read.tops.tolist()) == (
         [[0.0, 0.0, -0.3]] if upright else None
     )
-    notes = " ".join(found.notes)
+    notes = " ".join(read.notes)
     assert ("stands on its platform" in notes) == upright
     assert ("sliced along an axis that leans by 73.7 deg" in notes) == (not upright)
 
@@ -276,17 +276,17 @@ def test_probes_touch_the_ends_and_the_frame_is_scaled(tmp_path):
     traced = [contour(1, frame=TILTED), contour(2, frame=TILTED)]
     up, down = (Pose.from_array(TILTED).to_outer(np.array([[0.0, 0.0, z]]))[0] for z in (0.4, -0.2))
     probes = [replace(probe(i), point=one) for i, one in enumerate((up, down), 4)]
-    found = recorded(tmp_path, *traced, *probes)
-    assert found.tops is not None and found.tops == pytest.approx(np.array([up, down]))
-    assert found.scaled(1000.0).frame == pytest.approx([10.0, 0.0, 50.0, 0.6, 0.0, 0.0, 0.8])
+    read = recorded(tmp_path, *traced, *probes)
+    assert read.tops is not None and read.tops == pytest.approx(np.array([up, down]))
+    assert read.scaled(1000.0).frame == pytest.approx([10.0, 0.0, 50.0, 0.6, 0.0, 0.0, 0.8])
 
 
 def test_recording_gives_the_taxels_of_the_touches_of_its_contours(tmp_path):
     points = np.random.default_rng(0).normal(size=(3, 5, 3))
     patches = [patch(1, 4, points[0]), patch(2, 0, points[2]), patch(1, 7, points[1])]
     sensor = info_of(SensorSpec(), 1e-5)
-    found = recorded(tmp_path, contour(1), contour(2, "stuck"), sensor, *patches)
-    assert found.taxels.touch.tolist() == [0] * 5 + [1] * 5
-    assert np.array_equal(found.taxels.points, points[:2].reshape(-1, 3))
-    assert np.array_equal(found.taxels.normals, np.tile([0.0, 0.0, 1.0], (10, 1)))
-    assert "10 taxels of 2 touches" in found.notes
+    read = recorded(tmp_path, contour(1), contour(2, "stuck"), sensor, *patches)
+    assert read.taxels.touch.tolist() == [0] * 5 + [1] * 5
+    assert np.array_equal(read.taxels.points, points[:2].reshape(-1, 3))
+    assert np.array_equal(read.taxels.normals, np.tile([0.0, 0.0, 1.0], (10, 1)))
+    assert "10 taxels of 2 touches" in read.notes

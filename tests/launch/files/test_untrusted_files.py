@@ -47,9 +47,9 @@ def test_no_plain_file_is_refused_at_once(tmp_path, name, words):
     ("folder.ply", "which is no file"),
     ("pipe.ply", "which is no file"),
     ("", "which is no file"),
-    ("a\0.ply", "letters that can be seen"),
-    ("\ud800.ply", "letters that can be seen"),
-    ("a" * 256, "a name has at most 255 letters"),
+    ("a\0.ply", "visible characters"),
+    ("\ud800.ply", "visible characters"),
+    ("a" * 256, "a name has at most 255 visible characters"),
     ("a" * 250 + "/b", "mesh is"),
 ])  # fmt: skip
 def test_name_that_leads_elsewhere_is_refused(tmp_path, name, words):
@@ -67,12 +67,12 @@ def test_name_that_leads_elsewhere_is_refused(tmp_path, name, words):
 
 
 def test_npz_arrays_are_read_as_they_were_written():
-    given = {"a": np.eye(3), "b/c": np.arange(4, dtype=np.int32), "d": np.array("text")}
-    found = read_npz(npz(given))
-    assert found.keys() == given.keys()
-    for name, array in given.items():
-        assert found[name].dtype == array.dtype
-        np.testing.assert_array_equal(found[name], array)
+    written = {"a": np.eye(3), "b/c": np.arange(4, dtype=np.int32), "d": np.array("text")}
+    read = read_npz(npz(written))
+    assert read.keys() == written.keys()
+    for name, array in written.items():
+        assert read[name].dtype == array.dtype
+        np.testing.assert_array_equal(read[name], array)
     packed = io.BytesIO()
     np.savez_compressed(packed, a=np.zeros(1000))
     assert read_npz(packed.getvalue())["a"].shape == (1000,)
@@ -101,7 +101,7 @@ def header(shape, kind="<f8"):
     (lambda: member(header("()", "|O")), "an array of objects, which are not read"),
     (lambda: member(b"\x93NUMPY\x09\x00"), "an array of format (9, 0)"),
     (lambda: member(header("(" * 500)), "is no NPZ file of numbers: 'x.npy': "),
-    (lambda: member(header("(1,)"), how=zipfile.ZIP_LZMA), "packed in a way that is not read"),
+    (lambda: member(header("(1,)"), how=zipfile.ZIP_LZMA), "its compression is not read"),
 ])  # fmt: skip
 def test_bad_npz_file_is_refused(data, words):
     with pytest.raises(ValueError, match=r"^(is no|unpacks)") as caught:
@@ -123,10 +123,10 @@ def test_overlapping_parts_are_refused():
 def test_numbers_are_yaml_1_2_and_values_have_lines():
     value = parse_yaml("[5e-2, 1e3, no, 012, true, null, 0x10]", "f").value
     assert value == [0.05, 1000.0, "no", 12, True, None, 16]
-    found = parse_yaml("a:\n  b:\n    - 1\n    - c: 2\n", "f.yaml")
-    assert found.place(("a", "b", 1, "c")) == "f.yaml:4"
-    assert found.place(("a", "b", 0, "none")) == "f.yaml:3"
-    assert found.part(("a", "b")).place((1,)) == "f.yaml:4"
+    document = parse_yaml("a:\n  b:\n    - 1\n    - c: 2\n", "f.yaml")
+    assert document.place(("a", "b", 1, "c")) == "f.yaml:4"
+    assert document.place(("a", "b", 0, "none")) == "f.yaml:3"
+    assert document.part(("a", "b")).place((1,)) == "f.yaml:4"
 
 
 @pytest.mark.parametrize(("text", "words"), [

@@ -68,9 +68,10 @@ def output_of(script, folder=None):
 
 def test_own_kinds_are_preloaded_once_and_no_module_of_users():
     tracer, own = "palpate.nodes.tracer", "my_lab.denoise"
-    found = preloaded_modules([tracer, own, tracer, "palpate.nodes.filter", "palpate.launch.run"])
+    modules = [tracer, own, tracer, "palpate.nodes.filter", "palpate.launch.run"]
+    preloaded = preloaded_modules(modules)
     always = preloaded_modules([])
-    assert found == (*always, tracer, "palpate.nodes.filter")
+    assert preloaded == (*always, tracer, "palpate.nodes.filter")
 
 
 def test_preloaded_server_is_light_and_has_no_socket_or_thread(monkeypatch):

@@ -61,9 +61,9 @@ def test_only_remains_of_killed_launchers_are_swept(name, age, files, announced,
     for path in (*folder.iterdir(), folder):
         os.utime(path, (time.time() - age,) * 2)
     assert registry.running_graphs(tmp_path) == []
-    with registry.private_folder(tmp_path) as one, registry.private_folder(tmp_path) as other:
-        announce(one, card("ab01"))
-        assert registry.stale_folders(tmp_path) == [] and one.is_dir() and other.is_dir()
+    with registry.private_folder(tmp_path) as first, registry.private_folder(tmp_path) as other:
+        announce(first, card("ab01"))
+        assert registry.stale_folders(tmp_path) == [] and first.is_dir() and other.is_dir()
     registry.remove_stale_folders(tmp_path)
     assert folder.exists() != swept
     assert (run / ".published").exists() != (swept and announced)
@@ -79,8 +79,8 @@ def found(asked, folder):
 
 def test_run_is_found_by_number_or_name(tmp_path):
     assert "no graph of yours is running" in found(None, tmp_path)
-    with registry.private_folder(tmp_path) as one, registry.private_folder(tmp_path) as other:
-        announce(one, card("ab01"))
+    with registry.private_folder(tmp_path) as first, registry.private_folder(tmp_path) as other:
+        announce(first, card("ab01"))
         assert found(None, tmp_path) == "ab01"
         announce(other, card("ac02", "egg"))
         for asked, words in (
@@ -104,8 +104,8 @@ def test_graph_of_working_directory_is_preferred(tmp_path, monkeypatch):
         card("ad03", started_in=str(tmp_path)),
     ]
     with ExitStack() as stack:
-        for one in graphs:
-            announce(stack.enter_context(registry.private_folder(tmp_path)), one)
+        for entry in graphs:
+            announce(stack.enter_context(registry.private_folder(tmp_path)), entry)
         meant = ((here, "ac02"), (here / "runs" / "1_vase", "ac02"), (tmp_path, "ad03"))
         for folder, number in (*meant, (there, "2 graphs run of this folder.*ab01.*ac02")):
             monkeypatch.chdir(folder)

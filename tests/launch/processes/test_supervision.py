@@ -9,7 +9,6 @@ import pytest
 
 from palpate.launch.processes import process_table
 from palpate.launch.processes.node_status import (
-    SILENCE,
     Edge,
     MessageCounts,
     NodeStatusTable,
@@ -38,11 +37,11 @@ def test_node_is_restarted_but_not_in_a_storm():
 
 def test_node_that_fails_twice_of_the_same_is_not_restarted():
     restarts = process_table.RestartPolicy({"a": "restart"})
-    told = "failed while handling /in {} from b: ValueError: no"
-    answers = [restarts.refusal("a", told.format(n), True, 40.0 * n) for n in (7, 8)]
+    failure = "failed while handling /in {} from b: ValueError: no"
+    answers = [restarts.refusal("a", failure.format(n), True, 40.0 * n) for n in (7, 8)]
     assert answers == [None, None]
-    again = restarts.refusal("a", told.format(8), True, 400.0)
-    assert again == f"a {told.format(8)}; so it did when it was started again"
+    again = restarts.refusal("a", failure.format(8), True, 400.0)
+    assert again == f"a {failure.format(8)}; so it did when it was started again"
 
 
 @pytest.mark.parametrize(
@@ -55,12 +54,12 @@ def test_death_for_memory_is_counted_or_repeated_at_one_place(
     system = iter(counts)
     monkeypatch.setattr(process_table, "memory_kills", lambda: next(system))
     path = tmp_path / "journal"
-    kills, found = process_table.KilledNodes({"a": str(path)}), []
+    kills, for_memory = process_table.KilledNodes({"a": str(path)}), []
     for death in range(len(deaths)):
         kills.begun("a", 100.0 * death)
         path.write_bytes(bytes(journal or death))  # it has come further, or no further
-        found.append(int(kills.for_memory("a", 100.0 * death + 50.0)))
-    assert found == deaths
+        for_memory.append(int(kills.for_memory("a", 100.0 * death + 50.0)))
+    assert for_memory == deaths
 
 
 def hung_at(monkeypatch, state, used, timeout, *, signs=True, ticks=range(1, 51)):
@@ -80,7 +79,7 @@ def hung_at(monkeypatch, state, used, timeout, *, signs=True, ticks=range(1, 51)
     return None
 
 
-@pytest.mark.parametrize(("state", "used", "timeout", "signs", "found"), [
+@pytest.mark.parametrize(("state", "used", "timeout", "signs", "silence"), [
     ("T", 2.0, 60.0, True, 1.3),  # stopped
     ("S", 2.0, 1.0, True, 1.3),  # blocked
     ("S", 2.0, 3.0, True, 3.1),
@@ -94,9 +93,9 @@ def hung_at(monkeypatch, state, used, timeout, *, signs=True, ticks=range(1, 51)
     ("R", 9.0, 1.0, False, None),
 ])  # fmt: skip
 def test_node_hangs_that_neither_works_nor_waits_for_the_processor(
-    monkeypatch, state, used, timeout, signs, found
+    monkeypatch, state, used, timeout, signs, silence
 ):
-    assert hung_at(monkeypatch, state, used, timeout, signs=signs) == found
+    assert hung_at(monkeypatch, state, used, timeout, signs=signs) == silence
 
 
 def test_silence_while_the_launcher_did_not_run_is_forgiven(monkeypatch):
@@ -135,9 +134,9 @@ def test_node_reports_ready_exiting_and_failed():
 
 
 def test_silence_longer_than_declared_is_mentioned_once():
-    table = NodeStatusTable(["filter", "fit"], {"filter": 1.0, "fit": 120.0})
+    table = NodeStatusTable(["filter", "fit"], {"filter": 1.0, "fit": 120.0}, silence_limit=5.0)
     now, named = time.monotonic(), []
-    for after in (0.0, 2 * SILENCE, 2 * SILENCE, 119.0, 121.0):
+    for after in (0.0, 10.0, 10.0, 119.0, 121.0):
         named.append([one.text.partition(",")[0] for one in table.silent(now + after)])
     starting = "is still starting"
     assert named == [[], [f"filter {starting}"], [], [], [f"fit {starting}"]]
@@ -207,17 +206,17 @@ def test_complaints_name_who_waits_for_what():
 def served(processes, *asked, announcement=None):
     """What a tool server answers and what it sends to nodes."""
     words: list[Any] = [("tool", one) for one in asked]
-    told: list[dict[str, Any]] = []
+    answers: list[dict[str, Any]] = []
     sent: list[dict[str, Any]] = []
     line: Any = SimpleNamespace(
         receive=lambda: words.pop(0) if words else None,
-        send=lambda tool, *_, **word: told.append(word),
+        send=lambda tool, *_, **word: answers.append(word),
     )
     nodes: Any = SimpleNamespace(send=lambda _, kind, **fields: not sent.append(fields))
     server = ToolServer(line, nodes, processes, NodeStatusTable(["a", "b"]), announcement)
     for _ in asked:
         server.serve()
-    return server, told, sent
+    return server, answers, sent
 
 
 def test_tool_sets_only_what_a_node_declares_settable(tmp_path):
@@ -254,5 +253,5 @@ def test_status_has_every_node_and_the_processes_that_live():
     )  # fmt: skip
     _, [status], _ = served(processes, {"kind": "status"})
     assert status["kind"] == "status" and status["for_s"] >= 0.0
-    found = {name: (one["pid"], one["restarts"]) for name, one in status["nodes"].items()}
-    assert found == {"a": (0, 2), "b": (7, 0)}
+    nodes = {name: (one["pid"], one["restarts"]) for name, one in status["nodes"].items()}
+    assert nodes == {"a": (0, 2), "b": (7, 0)}

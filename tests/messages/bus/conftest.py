@@ -61,18 +61,18 @@ class Wires:
 
     def receive(self) -> None:
         """Take in all that has arrived."""
-        for one in self._subscribers:
-            while (arrival := one.receive()) is not None:
-                self.heard[one.name].append(arrival)
+        for subscriber in self._subscribers:
+            while (arrival := subscriber.receive()) is not None:
+                self.heard[subscriber.name].append(arrival)
 
     def turn(self, until: Callable[[], bool]) -> None:
         """Turn all ends until something is so, and all that is there has been received."""
         deadline = time.monotonic() + 10.0
         while not until():
             assert time.monotonic() < deadline, f"not reached; received {dict(self.heard)}"
-            for one in self._publishers:
-                if not one.socket.closed:
-                    one.serve()
+            for publisher in self._publishers:
+                if not publisher.socket.closed:
+                    publisher.serve()
             for hearer in self._subscribers:
                 hearer.socket.poll(1)
             self.receive()
@@ -84,9 +84,9 @@ class Wires:
         return [arrival.header.seq for arrival in self.heard[name]]
 
     def close(self) -> None:
-        for one in self._publishers:
-            if not one.socket.closed:
-                one.close(0)
+        for publisher in self._publishers:
+            if not publisher.socket.closed:
+                publisher.close(0)
         for hearer in self._subscribers:
             hearer.close()
 

@@ -44,11 +44,11 @@ def test_frames_within_memory_need_no_file(tmp_path: Path):
 @pytest.mark.parametrize("persistent", [False, True])
 @pytest.mark.parametrize("size", [1000, LARGE])
 def test_frames_beyond_memory_are_found_in_the_file(tmp_path: Path, size: int, persistent: bool):
-    past = log(tmp_path, memory=10_000, persistent=persistent)
+    past = log(tmp_path, max_memory=10_000, persistent=persistent)
     frames = [frame(seq, size) for seq in range(100)]
-    for seq, one in enumerate(frames):
-        past.add("/talk", one)
-        assert next(past.since("/talk", seq)) == one
+    for seq, added in enumerate(frames):
+        past.add("/talk", added)
+        assert next(past.since("/talk", seq)) == added
     assert list(past.since("/talk", 0)) == frames
     held = sum(map(len, frames)) - (tmp_path / "past").stat().st_size
     assert held <= 10_000 + LARGE
@@ -57,7 +57,7 @@ def test_frames_beyond_memory_are_found_in_the_file(tmp_path: Path, size: int, p
 
 def test_file_holds_each_frame_once_across_starts(tmp_path: Path):
     for epoch in (0, 0, 1, 2):  # the second start takes the first for that of another run
-        past = log(tmp_path, memory=0, epoch=epoch)
+        past = log(tmp_path, max_memory=0, epoch=epoch)
         for seq in range(5):
             past.add("/talk", frame(seq, LARGE))
         found = [split_frame(one)[1] for one in past.since("/talk", 3)]
@@ -87,10 +87,10 @@ def test_frame_that_outlives_its_node_is_not_made_again(tmp_path: Path):
         again.add("/talk", frame(2))
         again.promise("/talk", third)
         for _ in range(2):
-            found = [split_frame(one)[1] for one in again.since("/talk", 1)]
-            assert [header.seq for header in found] == [1, 2, 3]
+            headers = [split_frame(one)[1] for one in again.since("/talk", 1)]
+            assert [header.seq for header in headers] == [1, 2, 3]
             assert bodies(again, 1) == [1, 2, 3]
-            assert found[0].epoch == found[2].epoch == epoch
+            assert headers[0].epoch == headers[2].epoch == epoch
         again.close()
 
 
@@ -150,11 +150,11 @@ def test_full_disk_is_told_by_log_and_journal(tmp_path: Path):
     size = (tmp_path / "past").stat().st_size
     with (
         file_limit(size + 50),
-        pytest.raises(OSError, match="message log has no more room") as told,
+        pytest.raises(OSError, match="message log has no more room") as caught,
     ):
         past.add("/talk", frame(1))
     past.close()
-    assert told.value.errno == errno.ENOSPC and log(tmp_path, persistent=True).count("/talk") == 1
+    assert caught.value.errno == errno.ENOSPC and log(tmp_path, persistent=True).count("/talk") == 1
     with (
         file_limit(100),
         pytest.raises(OSError, match="journal of what was consumed has no more room"),
@@ -167,12 +167,12 @@ def test_journal_grows_and_goes_on_in_order(tmp_path: Path):
     for begin, end in ((0, 1000), (1000, 1001), (1001, len(noted))):
         journal = Journal(tmp_path / "j", EDGES)
         assert [*journal.before] == noted[:begin]
-        for one in noted[begin:end]:
-            journal.note(*one)
+        for entry in noted[begin:end]:
+            journal.note(*entry)
         journal.close()
         journal.close()
     assert [*Journal(tmp_path / "j", EDGES).before] == noted
-    with pytest.raises(ValueError, match="speaks of input 2, there are 1"):
+    with pytest.raises(ValueError, match="has input 2, there are 1"):
         Journal(tmp_path / "j", EDGES[:1])
 
 
@@ -214,11 +214,11 @@ def test_progress_of_a_source_goes_on_where_it_was(tmp_path: Path):
     first = SourceProgress(tmp_path / "tally")
     assert (first.number, first.paused) == (0, None)
     for _ in range(3):
-        first.up()
+        first.increment()
     first.close()
     for paused in (True, False):
         again = SourceProgress(tmp_path / "tally")
         assert (again.number, again.paused) == (3, None if paused else True)
-        again.stand(paused)
+        again.set_paused(paused)
         again.close()
     assert SourceProgress(tmp_path / "tally").paused is False

@@ -50,8 +50,8 @@ class Run:
         return made
 
     def close(self) -> None:
-        for one in self._closed:
-            one.close()
+        for opened in self._closed:
+            opened.close()
 
 
 @pytest.fixture
@@ -72,16 +72,16 @@ def until(condition: Callable[[], bool], *nodes: NodeSockets) -> None:
     deadline = time.monotonic() + 10.0
     while not condition():
         assert time.monotonic() < deadline
-        for one in nodes:
-            one.wait(2)
-            one.take_in()
+        for node in nodes:
+            node.wait(2)
+            node.take_in()
 
 
 def bodies(reader: TapReader) -> list[bytes]:
-    found = []
+    collected = []
     while reader.socket.poll(60) and (received := reader.receive()) is not None:
-        found.append(received[2])
-    return found
+        collected.append(received[2])
+    return collected
 
 
 def test_message_travels_between_nodes_and_effects_come_after_causes(run: Run):
@@ -200,12 +200,12 @@ def test_log_and_status_are_heard_by_who_listens(run: Run):
     for message in (LINE, LINE, example(NodeStatus, node="talker")):
         node.tap.publish(message)
     node.send("/world", b"x", 0.0, 9)
-    found = [both.socket.poll(5000) and both.receive() for _ in range(3)]
-    assert [one[0] for one in found] == ["/log", "/log", "/node/status"]
-    headers = [one[1] for one in found]
+    heard = [both.socket.poll(5000) and both.receive() for _ in range(3)]
+    assert [one[0] for one in heard] == ["/log", "/log", "/node/status"]
+    headers = [one[1] for one in heard]
     assert [(one.run, one.epoch, one.seq) for one in headers] == [(7, 2, 0), (7, 2, 1), (7, 2, 0)]
     assert [one.robot_time for one in headers] == [1.5, 1.5, 0.0]
-    assert decode(LogRecord, found[0][2]).text == "hello"
+    assert decode(LogRecord, heard[0][2]).text == "hello"
     assert bodies(both) == [] and len(bodies(status)) == 1
 
 
@@ -259,11 +259,11 @@ def test_latched_messages_outlive_a_persistent_node(run: Run):
 def answers(node: NodeSockets, reader: PastReader) -> list[int | None]:
     """Numbers of the messages that are sent once more, and the mark behind them."""
     settle(node)
-    found: list[int | None] = []
+    numbers: list[int | None] = []
     while reader.socket.poll(60) and (came := reader.receive()) is not None:
         assert came[0] == "/world"
-        found.append(came[1] and came[1][0].seq)
-    return found
+        numbers.append(came[1] and came[1][0].seq)
+    return numbers
 
 
 def test_past_is_sent_once_more_a_batch_at_a_time(run: Run):
@@ -320,13 +320,13 @@ def test_key_locks_sockets_of_a_network(tmp_path: Path):
     endpoint = server.socket.getsockopt(zmq.LAST_ENDPOINT).decode()
     stranger = ControlClient(wrong.context, endpoint, name="stranger")
     friend = ControlClient(locked.context, endpoint, name="friend")
-    for one in (stranger, friend):
-        one.send("ready")
+    for client in (stranger, friend):
+        client.send("ready")
     assert server.socket.poll(10_000)
     assert server.receive() == ("friend", {"kind": "ready"})
     assert not server.socket.poll(100)
-    for one in (server, friend):
-        one.close()
+    for client in (server, friend):
+        client.close()
     stranger.socket.close(0)
     locked.close()
     wrong.close()

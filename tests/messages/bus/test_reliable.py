@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from palpate.messages import Header, bus, pack_frame, split_frame
-from palpate.messages.bus import MessageLog, SendTimes
+from palpate.messages.bus import MessageLog, SendTimes, SocketSettings
 from tests.messages.cases import cases
 
 TOPICS = ["/talk", "/more"]
@@ -39,9 +39,9 @@ def test_header_and_time_of_a_message(wires: Any):
     publisher.send("/talk", b"body", robot_time=2.5, schema=9, outside=True)
     publisher.send("/talk", b"body", robot_time=2.5, schema=9)
     assert wires.seqs() == [0, 1]
-    one, other = (arrival.header for arrival in wires.heard["hearer"])
-    assert one._replace(sent_ns=0) == Header(1, 3, 0, 0, 2.5, 9, True)
-    assert other.sent_ns > one.sent_ns > 1 << 60
+    first, second = (arrival.header for arrival in wires.heard["hearer"])
+    assert first._replace(sent_ns=0) == Header(1, 3, 0, 0, 2.5, 9, True)
+    assert second.sent_ns > first.sent_ns > 1 << 60
     with pytest.raises(KeyError, match="/elsewhere"):
         wires.publish(publisher, b"", topic="/elsewhere")
 
@@ -87,7 +87,7 @@ def test_cursor_of_an_earlier_start_is_not_answered(wires: Any):
 
 
 def test_queue_that_stays_full_names_who_blocks_it(wires: Any):
-    publisher, _ = wires.joined(depth=1, patience=0.1)
+    publisher, _ = wires.joined(depth=1, settings=SocketSettings(send_timeout=0.1))
     with pytest.raises(RuntimeError, match=r"talker could not send /talk for 0.1 s: hearer does"):
         wires.publish(publisher, *[b"x"] * 4000)
     assert publisher.blocked == 1

@@ -149,12 +149,12 @@ def test_file_that_would_burst_takes_neither_a_second_nor_64_megabytes(tmp_path:
     known = bombs()
     for name, (data, _) in known.items():
         (tmp_path / name).write_bytes(MAGIC + data)
-    found = opened([tmp_path / name for name in known])
-    for (name, (_, words)), one in zip(known.items(), found, strict=True):
-        assert words in one.text and "\n" not in one.text, (name, one.text)
-        assert one.seconds < 1.0, name
+    outcomes = opened([tmp_path / name for name in known])
+    for (name, (_, words)), outcome in zip(known.items(), outcomes, strict=True):
+        assert words in outcome.text and "\n" not in outcome.text, (name, outcome.text)
+        assert outcome.seconds < 1.0, name
     # The peak only ever rises: the sum is what the worst of them took.
-    assert sum(one.growth for one in found) < 64 * MEBIBYTE
+    assert sum(outcome.growth for outcome in outcomes) < 64 * MEBIBYTE
 
 
 def test_attachment_and_zeros_take_no_more_than_their_share(tmp_path: Path):

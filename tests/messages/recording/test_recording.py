@@ -93,9 +93,9 @@ def cut(tmp_path: Path) -> Cut:
 
 def prefix(path: Path) -> tuple[list[bytes], str]:
     """Bodies of the messages up to the first fault, and the fault."""
-    found = recordings.ReadablePrefix(path)
-    bodies = [one.record.data for one in found if hasattr(one.record, "publish_time")]
-    return bodies, found.end.why
+    records = recordings.ReadablePrefix(path)
+    bodies = [one.record.data for one in records if hasattr(one.record, "publish_time")]
+    return bodies, records.end.why
 
 
 def test_recording_tells_all_that_its_frames_told(whole: bytes, cut: Cut):
@@ -115,10 +115,10 @@ def test_recording_tells_all_that_its_frames_told(whole: bytes, cut: Cut):
 
 def test_any_mcap_reader_finds_messages_schemas_and_metadata(whole: bytes):
     reader = make_reader(BytesIO(whole), validate_crcs=True)
-    found = list(reader.iter_messages())
+    read = list(reader.iter_messages())
     numbers = [("/world", 0), *(("/log", i) for i in range(COUNT))]
-    assert sorted((channel.topic, one.sequence) for _, channel, one in found) == sorted(numbers)
-    schema_, channel, message = found[0]
+    assert sorted((channel.topic, one.sequence) for _, channel, one in read) == sorted(numbers)
+    schema_, channel, message = read[0]
     assert message.publish_time == 5 * MILLISECOND and decode(World, message.data).seed == 3
     assert json.loads(schema_.data) == json.loads(json.dumps(schema(World)))
     assert (schema_.encoding, channel.message_encoding) == ("jsonschema", "msgpack")
@@ -195,8 +195,8 @@ def test_large_regular_messages_are_read_back_and_copied(tmp_path: Path, path: P
     # Zeros are packed more densely than a reader believes of chunks beyond 12 MiB.
     bodies = [b"\x80", bytes((12 << 20) - 1), b"0123456789" * (13 << 17), b"\x81"]
     writer = made(path)
-    for seq, one in enumerate(bodies):
-        writer.write("/world", world_header(seq, seq), one)
+    for seq, body in enumerate(bodies):
+        writer.write("/world", world_header(seq, seq), body)
     writer.close()
     assert [kept.body for kept in open_recording(path).messages()] == bodies
     copy = recordings.RecordingCopy(tmp_path / "copy.mcap", "")
@@ -371,6 +371,6 @@ def test_parts_are_numbered_without_gaps(path: Path):
         part_path(path, number).touch()
     assert parts_of(path) == (path, path.with_name("topics.1.mcap"))
     path.unlink()
-    with pytest.raises(FileExistsError, match=r"topics\.1\.mcap is there already, of another run"):
+    with pytest.raises(FileExistsError, match=r"topics\.1\.mcap of another run exists already"):
         SINK.open(Params(path=str(path)), TYPES)
     assert not path.exists()

@@ -81,18 +81,18 @@ TOY = Node(
 LINES = [f"{number}" for number in range(4)]
 
 
-def read(every: float) -> Iterator[Any]:
+def read(period: float) -> Iterator[Any]:
     yield Timed(0.0, "/worlds", WORLD)
     yield None
     for i, text in enumerate(LINES):
-        yield Timed(every * i, "/lines", encode(line(text)))
+        yield Timed(period * i, "/lines", encode(line(text)))
     yield Finished("read")
 
 
 SOURCE = Source(
-    params=msgspec.defstruct("Paced", [("every", float, 0.0), ("paused", bool, False)]),
+    params=msgspec.defstruct("Paced", [("period", float, 0.0), ("paused", bool, False)]),
     outputs=lambda params: {"/lines": LogRecord, "/worlds": World},
-    open=lambda params: read(params.every),
+    open=lambda params: read(params.period),
     paused=lambda params: params.paused,
 )
 
@@ -125,16 +125,16 @@ NEED = Received("source", "/worlds", Header(1, 0, 0, 0, 0.0, schema_hash(World))
 
 def texts(published: Any) -> list[str]:
     """What was published, in a word each: texts, parameters as they were set, reasons of ends."""
-    found = []
-    for one in published:
-        if isinstance(one, Finished):
-            found.append(one.reason)
-        elif getattr(one, "topic", "") == "/toy/parameter_events":
-            event = decode(ParameterEvent, one.body)
-            found.append(f"{event.param}={event.value} after {event.after}")
+    bodies = []
+    for output in published:
+        if isinstance(output, Finished):
+            bodies.append(output.reason)
+        elif getattr(output, "topic", "") == "/toy/parameter_events":
+            event = decode(ParameterEvent, output.body)
+            bodies.append(f"{event.param}={event.value} after {event.after}")
         else:
-            found.append(decode(LogRecord, one.body).text)
-    return found
+            bodies.append(decode(LogRecord, output.body).text)
+    return bodies
 
 
 def work(params: Params | None = None, node: Node = TOY, **more: Any) -> NodeWork:
@@ -157,7 +157,7 @@ def test_message_that_takes_long_comes_last_or_is_promised():
     toy = work()
     toy.begin()
     toy.take(NEED)
-    parcels = iter(toy.each(arrival("long")))
+    parcels = iter(toy.outputs_of(arrival("long")))
     assert texts([next(parcels)]) == ["long 0"] and "late" not in toy.steps.seconds
     assert texts(parcels) == ["late 1"] and set(toy.steps.seconds) == {"toy", "late"}
     now, promise = toy.replay(arrival("long", 1))
@@ -249,10 +249,10 @@ def test_closed_streams_lead_nowhere(monkeypatch: pytest.MonkeyPatch):
         monkeypatch.setattr(sys, name, None)
     open_closed_streams()
     streams = [sys.stdin, sys.stdout, sys.stderr]
-    assert [one.readable() for one in streams] == [True, False, False]
-    assert sys.stdin.read() == "" and all(os.get_inheritable(one.fileno()) for one in streams)
-    for one in streams:
-        one.close()
+    assert [stream.readable() for stream in streams] == [True, False, False]
+    assert sys.stdin.read() == "" and all(os.get_inheritable(stream.fileno()) for stream in streams)
+    for stream in streams:
+        stream.close()
 
 
 class Ears(Watcher):
@@ -305,8 +305,8 @@ def modules(monkeypatch: pytest.MonkeyPatch) -> dict[str, Kept]:
 
 
 def graph(toy: Params, rate: float = 0.0) -> list[Wiring]:
-    given, outputs = SOURCE.params(every=0.001), {"/lines": "/lines", "/worlds": "/worlds"}
-    source = wiring("source", given, "a_source", inputs=(), outputs=outputs)
+    params, outputs = SOURCE.params(period=0.001), {"/lines": "/lines", "/worlds": "/worlds"}
+    source = wiring("source", params, "a_source", inputs=(), outputs=outputs)
     kept = (Input("toy", "/out", "/out", "LogRecord"),)
     sink = wiring("sink", module="a_sink", inputs=kept, outputs={})
     return [source, wiring("toy", toy, "a_toy", rate=rate), sink]
@@ -382,8 +382,8 @@ class Launched:
 
     def start(self, module: str = "a_toy", params: Any = None, epoch: int = 0, **more: Any) -> None:
         """Run a node in a thread; after its first start the graph is going."""
-        given = Params() if params is None else params
-        seat = wiring("toy", msgspec.msgpack.encode(given), module, **more)
+        instance = Params() if params is None else params
+        seat = wiring("toy", msgspec.msgpack.encode(instance), module, **more)
         place = replace(self.place, epoch=epoch, going=epoch > 0)
         self.code: list[int] = []
         self._thread = threading.Thread(
@@ -554,7 +554,7 @@ def test_node_that_fails_tells_where_and_of_what(launched: Launched):
 
 
 def test_source_over_sockets_pauses_steps_and_goes_on_where_it_was(launched: Launched):
-    paced = SOURCE.params(every=0.002, paused=True)
+    paced = SOURCE.params(period=0.002, paused=True)
     ends = {"inputs": (), "outputs": {"/lines": "/out", "/worlds": "/worlds"}}
     launched.start("a_source", paced, **ends)
     launched.go()
@@ -594,5 +594,5 @@ def test_second_start_of_a_sink_that_cannot_go_on_fails(launched: Launched):
     launched.start("a_sink", inputs=wiring("toy").inputs[:1], outputs={}, epoch=1)
     launched.until(lambda: launched.heard("failed"))
     launched.join()
-    assert "toy cannot go on with what it had written" in launched.heard("failed")[0]["text"]
+    assert "toy cannot continue its earlier file" in launched.heard("failed")[0]["text"]
     assert launched.code == [3]

@@ -127,7 +127,7 @@ def test_graph_is_meant_by_number_name_directory_or_recording(tmp_path, runtime,
         assert find_run_path(Path("ab")) == tmp_path / "one"
         assert find_run_path(Path("two")) == Path("two")
         assert find_run_path(Path("none")) == Path("none")
-        with pytest.raises(InputError, match="vase: several running graphs are called so: ab12"):
+        with pytest.raises(InputError, match="vase: several running graphs have this name: ab12"):
             find_run_path(Path("vase"))
 
 

@@ -89,7 +89,7 @@ def test_parameter_is_told_with_type_default_and_comment(graph, call, refusal):
     assert (lines[0], lines[-1]) == ("value: 0.0001", "default: 5.0e-05")
     about = json.loads(call("param get cleaner contact --json").out)
     assert about["type"] == "number > 0 and <= 0.001" and about["unit"] == "m"
-    assert about["help"].startswith("Least compression that counts as touched")
+    assert about["help"].startswith("Minimum compression that counts as contact")
     order = json.loads(call("param get cleaner order --json").out)
     assert order["type"] == "auto | median | median-first | none | wiener | wiener-first"
     # The modules of a user are not imported, so that only the value is known.
