@@ -1,4 +1,4 @@
-"""``palpate bench``: every measurement by its name. The verb is found by name."""
+"""``palpate bench``: every measurement by its name."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ COSTS = ("touches", "robot", "compute")
 
 
 class Bench(NamedTuple):
-    """What ``palpate bench`` measures by one name."""
+    """A measurement of ``palpate bench``."""
 
     shows: str  # For the list and the help
     # ``module:function`` by name, within palpate.bench; each module is imported at its turn.
     groups: Mapping[str, str]
-    options: Mapping[str, Sequence[str]] = {}  # Which groups take which options
-    in_all: bool = True  # Whether `all` includes it: false for what takes hours or needs files
+    options: Mapping[str, Sequence[str]] = {}  # Of each group that takes any
+    in_all: bool = True  # Whether `all` includes it; false if it takes hours or needs files
 
 
 BENCHES: Mapping[str, Bench] = {
@@ -148,7 +148,7 @@ def bench_command(
     strict: bool,
     **options: Any,
 ) -> int:
-    """Measure one thing or all; the help says which there are."""
+    """Measure one bench or all."""
     if listed or name is None:
         for line in bench_lines():
             click.echo(line)
@@ -170,25 +170,25 @@ def bench_command(
 def chosen_groups(
     name: str, only: str | None, options: Mapping[str, Any]
 ) -> Mapping[str, str | Group]:
-    """Groups as ``bench/group``, each with its place, or with what measures it with options.
+    """Groups by ``bench/group``: ``module:function``, or a call of that with its options.
 
-    Raises InputError for a name, group or option that there is not.
+    Raises InputError for an unknown name, group or option.
     """
     if name not in (*BENCHES, ALL):
         raise InputError(f"there is no bench {name!r}; {hint(name, [*BENCHES, ALL])}")
-    names = [one for one, bench in BENCHES.items() if bench.in_all] if name == ALL else [name]
-    known = [group for one in names for group in BENCHES[one].groups]
+    names = [key for key, bench in BENCHES.items() if bench.in_all] if name == ALL else [name]
+    known = [group for key in names for group in BENCHES[key].groups]
     if only is not None and only not in known:
         raise InputError(f"--only {only}: there is no such group; there are {', '.join(known)}")
     groups: dict[str, str | Group] = {}
     taken: set[str] = set()
-    for one in names:
-        for group, place in BENCHES[one].groups.items():
+    for key in names:
+        for group, place in BENCHES[key].groups.items():
             if only not in (None, group):
                 continue
             full = f"palpate.bench.{place}"
-            own = {k: options[k] for k in BENCHES[one].options.get(group, ()) if k in options}
-            groups[f"{one}/{group}"] = partial(named(full), **own) if own else full
+            own = {k: options[k] for k in BENCHES[key].options.get(group, ()) if k in options}
+            groups[f"{key}/{group}"] = partial(named(full), **own) if own else full
             taken |= own.keys()
     if unused := sorted(options.keys() - taken):
         raise InputError(f"--{unused[0]}: nothing that is measured here takes it")
