@@ -86,7 +86,7 @@ class ResultsFile:
 
 
 def this_machine() -> dict[str, Any]:
-    """This machine, its numerical libraries, and its load."""
+    """Describe this machine, its numerical libraries, and its load."""
     import numpy as np  # noqa: F401  # so that its library of linear algebra is loaded
     from threadpoolctl import threadpool_info
 
