@@ -39,13 +39,13 @@ BENCHES: Mapping[str, Bench] = {
         in_all=False,
     ),
     "real": Bench(
-        "meshes, or drawn thin things, explored with noise: errors, bounds, coverage, pictures",
+        "meshes, or drawn thin objects, explored with noise: errors, bounds, coverage, pictures",
         {"meshes": "real:real_rows"},
         {"meshes": ("sheet", "meshes")},
         in_all=False,
     ),
     "thesis": Bench(
-        "the thesis against today: curvature, its two examples, recordings, and both systems",
+        "the thesis and palpate: curvature, two examples, recordings, and both systems",
         {
             "curvature": "curvature:curvature_rows",
             "examples": "thesis:thesis_rows",
@@ -60,7 +60,7 @@ BENCHES: Mapping[str, Bench] = {
         {"peers": ("sheet",)},
     ),
     "planners": Bench(
-        "contours that each planner needs, step templates, and whether a tolerance decides",
+        "contours that each planner needs, step templates, and tolerances against results",
         {
             "planners": "planners:planner_rows",
             "templates": "planners:template_rows",
@@ -72,15 +72,15 @@ BENCHES: Mapping[str, Bench] = {
         {"procedures": "procedures:procedure_rows"},
     ),
     "recognition": Bench(
-        "stored and other objects in any pose, with noise: which they are taken for",
+        "recognition of stored and of other objects in any pose, with noise",
         {"recognition": "recognition:recognition_rows"},
     ),
     "ablation": Bench(
-        "what each part is worth: error and cost without it over those with it",
+        "each part of palpate: error and cost without it over those with it",
         {"parts": "ablation:part_rows", "taxels": "ablation:taxel_rows"},
     ),
     "effects": Bench(
-        "what each effect of a scene costs, and does to the error of a contour",
+        "each effect of a scene: its cost, and the error of a contour with it",
         {"effects": "effects:effect_rows"},
     ),
     "growth": Bench(
@@ -101,17 +101,17 @@ BENCHES: Mapping[str, Bench] = {
     ),
 }
 ALL = "all"
-BENCH_HELP = """Measure what palpate is worth and what it costs, here and now.
+BENCH_HELP = """Measure the accuracy and the speed of palpate on this machine.
 
 NAME is one of these, or `all` for all of them but accuracy and real, which take hours:
 
 \b
 {benches}
 
-The exit code is 0 if everything was measured. A demand that is not met is printed with MISSED;
-with --strict it makes the exit code 1, as a group that fails always does. --compare says which
-figures moved by more than their repeats differ; of figures that were measured once, counts by
-anything, times by 10 %, and others by 2 %.
+The exit code is 0 if all groups were measured, else 1. A demand that is not met is printed with
+MISSED; with --strict it makes the exit code 1. --compare lists the figures that changed by more
+than the range of their repeats; of figures measured once, counts that changed, times that changed
+by more than 10 %, and others by more than 2 %.
 """
 
 
@@ -128,7 +128,9 @@ def bench_lines() -> Iterator[str]:
 @click.option("--only", metavar="GROUP", help="One group of figures.")
 @JSON
 @out_option("Write the results here, as JSON.", type=RESULTS)
-@click.option("--compare", metavar="OLD", type=RESULTS, help="Say what moved since these results.")
+@click.option(
+    "--compare", metavar="OLD", type=RESULTS, help="List what changed since these results."
+)
 @click.option("--strict", is_flag=True, help="Exit with 1 if a demand is missed.")
 @click.option("--against", type=FOLDER, metavar="DIR", help="speed: an older checkout, in turns.")
 @click.option("--sheet", type=FOLDER, metavar="DIR", help="Folder for runs and pictures.")

@@ -221,7 +221,7 @@ CONTENDERS: Mapping[str, Contender] = {
     ),
     "fuzzy": Contender("steps by rules in words", predicted, "fuzzy", False),
     "Gaussian process": Contender(
-        "touches where its surface is least certain; is told the object's box",
+        "touches where its surface is least certain; is given the object's bounding box",
         *(gaussian_process, "predicted", False),
         is_endless=True,
     ),
