@@ -43,7 +43,7 @@ class AblationSettings:
     n_shape_seeds: int = 4  # of rebuilds from contours alone
     size: tuple[int, int] = (12, 48)  # number of contours, and of points of each
     displaced: int = 5  # index of the contour that is displaced
-    special_cases: bool = True  # whether parts are also explored in the case that they are for
+    has_special_cases: bool = True  # whether parts are also explored in the case that they are for
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -58,7 +58,7 @@ class TaxelSettings:
 
 
 QUICK_ABLATION = AblationSettings(
-    objects=("vase",), n_seeds=1, tolerance=0.5, n_shape_seeds=1, special_cases=False
+    objects=("vase",), n_seeds=1, tolerance=0.5, n_shape_seeds=1, has_special_cases=False
 )
 QUICK_TAXELS = TaxelSettings(smooth=("sphere",), sharp=("box",))
 SALT, PEPPER, FAR_OFF, ROUGH, DISPLACED = (
@@ -83,7 +83,7 @@ class Part(NamedTuple):
     name: str
     replacements: Mapping[str, Replacement]  # By ``module:name``
     case: str = ""  # That it is for, of the `EXPLORED_CASES` or `REBUILT_CASES`
-    uniform: bool = False  # Whether as many even slices replace those of the planner
+    is_uniform: bool = False  # Whether as many even slices replace those of the planner
 
 
 def _with(**changed: Any) -> Replacement:
@@ -145,7 +145,7 @@ PARTS = (
         },
     ),
     Part("pose offsets", {f"{_REBUILD}.side.radial:FEWEST_TOUCHES": lambda _: 10**9}, FAR_OFF),
-    Part("predicted planner, not even slices", {}, uniform=True),
+    Part("predicted planner, not even slices", {}, is_uniform=True),
 )
 
 
@@ -215,7 +215,7 @@ def part_rows(quick: bool) -> Iterator[Worth | str]:
             yield worth_of(part.name, _explored_pairs(part, "", settings))
             if part.case in REBUILT_CASES:
                 yield worth_of(f"  {part.case}", _rebuilt_pairs(part, settings))
-            elif part.case and settings.special_cases:
+            elif part.case and settings.has_special_cases:
                 yield worth_of(f"  {part.case}", _explored_pairs(part, part.case, settings))
 
 
@@ -242,7 +242,7 @@ def _explored_pairs(part: Part, case: str, settings: AblationSettings) -> Pairs:
     pairs: Pairs = []
     for name, seed in product(settings.objects, range(settings.n_seeds)):
         whole, demand = _explored_whole(name, case, settings, seed), _demand(settings)
-        if part.uniform:
+        if part.is_uniform:
             demand = demand._replace(planner="uniform", settings={"count": whole.contours})
         try:
             with without(part):

@@ -136,7 +136,7 @@ def compose_scene(
     settings: Mapping[str, Any] = {},
     out: Path | None = None,
     *,
-    scored: bool = True,
+    is_scored: bool = True,
 ) -> None:
     """Run the graph that explores a scene, in this process; the watcher receives these types.
 
@@ -152,9 +152,9 @@ def compose_scene(
     }
     names = {cls.__name__ for cls in types}
     watch = tuple(topic for topic, name in types_by_topic.items() if name in names)
-    wirings = [wiring for wiring in plan.wirings if scored or wiring.name != plan.ends]
+    wirings = [wiring for wiring in plan.wirings if is_scored or wiring.name != plan.ends]
     ending = run_composed(wirings, ends=plan.ends, watch=watch, watcher=watcher)
-    if ending.status != ("finished" if scored else "stalled"):
+    if ending.status != ("finished" if is_scored else "stalled"):
         raise RuntimeError(f"the exploration {ending.status}: {ending.reason}")
 
 

@@ -161,7 +161,7 @@ def observations_of(
         value_errors=np.full(count, settings.point_error),
         shared=settings.pose_error,
         gradients=normals[chosen],
-        gradient_errors=np.full(count, settings.slope_error if result.smooth else unknown),
+        gradient_errors=np.full(count, settings.slope_error if result.is_smooth else unknown),
     )
 
 
@@ -182,7 +182,7 @@ class TouchResult(NamedTuple):
     outcome: str  # As in a tactile frame
     end: Floats  # Last position of the centre of the pad (3,) [m]
     contact: ContactPoints  # Of all touched taxels; empty after a miss
-    smooth: bool  # Whether the normals are reliable
+    is_smooth: bool  # Whether the normals are reliable
 
 
 class GuardedFinger:
@@ -340,14 +340,14 @@ class GpSurface:
         return added, gradient
 
 
-def covariance_block(kernel: Kernel, first: Floats, second: Floats, gradients: bool) -> Floats:
-    """Covariance between places (n, 3) and (m, 3): of values (n, m), or also of `gradients`.
+def covariance_block(kernel: Kernel, first: Floats, second: Floats, has_gradients: bool) -> Floats:
+    """Covariance between places (n, 3) and (m, 3): of values (n, m), or also of gradients.
 
     The latter has shape (4 n, 4 m), for each place first the value and then the gradient.
     """
     offsets = first[:, None] - second[None]
     k, g, h = kernel(np.sqrt(np.einsum("nmi,nmi->nm", offsets, offsets)))
-    if not gradients:
+    if not has_gradients:
         return k
     block = np.empty((len(first), 4, len(second), 4))
     block[:, 0, :, 0] = k

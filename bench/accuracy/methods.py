@@ -95,7 +95,7 @@ def predicted(problem: Problem, tolerance: float, seed: int) -> Iterator[Model]:
 @lru_cache(maxsize=1)
 def _explored(scene: Path) -> TimedCollector:
     collector = TimedCollector()
-    harness.compose_scene(scene, KEPT, collector, scored=False)
+    harness.compose_scene(scene, KEPT, collector, is_scored=False)
     if not (models := collector.kept[ShapeModel]) or not models[-1].final:
         raise RuntimeError("the exploration ended without a final model")
     return collector

@@ -41,7 +41,7 @@ class History:
     """Messages of a recording, in the order of its files."""
 
     events: tuple[Event, ...]
-    closed: bool  # Whether the last file was closed properly
+    is_closed: bool  # Whether the last file was closed properly
 
 
 class Violation(NamedTuple):
@@ -155,10 +155,10 @@ class Answer(NamedTuple):
     cause_fields: tuple[str, ...]  # Of the cause, with the same values
 
 
-def causality_violations(history: History, *, whole: bool) -> Iterator[Violation]:
+def causality_violations(history: History, *, is_whole: bool) -> Iterator[Violation]:
     """Messages whose cause is missing or later.
 
-    In a recording without its end (`whole` false) a cause may be missing.
+    In a recording without its end (`is_whole` false) a cause may be missing.
     """
     first = _first_sent(history)
     for event in history.events:
@@ -172,7 +172,7 @@ def causality_violations(history: History, *, whole: bool) -> Iterator[Violation
             is_shared = cause in _SHARED or cause.startswith(("/model", "/plan", "/hand"))
             key = (cause if is_shared else space + cause), answer.cause_fields, values
             times += [first[key]] if key in first else []
-        if not times and whole:
+        if not times and is_whole:
             what = ", ".join(f"{n} {v}" for n, v in zip(answer.fields, values, strict=True))
             text = f"{event.topic} {event.seq} answers {what}, which was not published"
             yield Violation("cause", text)

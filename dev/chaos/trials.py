@@ -180,7 +180,7 @@ def _run_trial(
     settings: TrialSettings,
 ) -> tuple[InjectionLog, Examination]:
     """Run an exploration with faults, and examine the result."""
-    process = subject.start(out, flooded=any(fault.kind == "flood" for fault in faults))
+    process = subject.start(out, is_flooded=any(fault.kind == "flood" for fault in faults))
     injector = FaultInjector(process, out, faults)
     limit = settings.max_slowdown * baseline.seconds + settings.extra_time
     try:
@@ -230,7 +230,7 @@ def examine_run(
         problems.append(f"exit code {code} instead of {expected}: {stderr_of(out)}")
     if not recording.exists():
         return Examination((*problems, *["there is no recording"] * (not was_ended)), 0, 0)
-    history = _examine_recording(recording, whole=not was_ended)
+    history = _examine_recording(recording, is_whole=not was_ended)
     problems += history.problems
     if was_ended:
         problems += _resume_problems(subject, baseline, recording, out)
@@ -276,11 +276,11 @@ def _processes_of(session: int) -> list[int]:
     return pids
 
 
-def _examine_recording(recording: Path, *, whole: bool) -> Examination:
+def _examine_recording(recording: Path, *, is_whole: bool) -> Examination:
     history = read_history(recording)
-    violations = [*violations_in(history), *causality_violations(history, whole=whole)]
+    violations = [*violations_in(history), *causality_violations(history, is_whole=is_whole)]
     problems = [f"{violation.law}: {violation.text}" for violation in violations]
-    if whole and not history.closed:
+    if is_whole and not history.is_closed:
         problems.append("the recording is not closed")
     laws = Counter(violation.law for violation in violations)
     return Examination(tuple(problems), laws["gap"], laws["twice"])
@@ -342,10 +342,10 @@ class Exploration:
     arguments: tuple[str, ...] = ()  # ``name:=value``
     own: tuple[str, ...] = ()  # Nodes whose modules are not palpate's own
 
-    def start(self, out: Path, *, flooded: bool = False) -> subprocess.Popen[bytes]:
+    def start(self, out: Path, *, is_flooded: bool = False) -> subprocess.Popen[bytes]:
         """Start it in a session of its own; it writes into `out` and into the parent of that."""
         file = self.file
-        if flooded:
+        if is_flooded:
             shipped, file = Path(self.file), str(out.with_suffix(".yaml"))
             included = json.dumps(str(shipped.resolve()) if shipped.is_file() else self.file)
             Path(file).write_text(FLOODED_LAUNCH_FILE.format(included=included), encoding="utf-8")
