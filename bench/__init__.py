@@ -1,5 +1,4 @@
-"""What users measure.
+"""Benches: palpate's speed and accuracy, printed as rows of a table beside what is demanded.
 
-What palpate's speed and effects are, printed as rows of a table beside what is demanded of them.
-Nothing that palpate computes depends on this room, which rests on all others.
+Nothing that palpate computes depends on this room, which depends on all others.
 """

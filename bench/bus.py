@@ -1,7 +1,6 @@
-"""What a message costs: the codec, and a hop against bare sockets.
+"""What a message costs: the codec, and a hop compared with one over bare sockets.
 
-What is compared is measured in turns, so that both meet the same load. Bare sockets are what
-there is to be compared with.
+Both are measured in turns, so that they meet the same load of the machine.
 """
 
 from __future__ import annotations
@@ -11,6 +10,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from functools import partial
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -28,49 +28,68 @@ from palpate.messages.types import TactileFrame
 from palpate.nodes.runtime.composed import Ending, Watcher
 from palpate.nodes.runtime.node import Wiring
 
-LAPS = 2000
 CORES = ((0, "one core"), (-1, "free cores"))
-_DEADLINE_MS = 20_000
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BusSettings:
+    """How a message is measured, and what is demanded."""
+
+    n_laps: int = 2000  # there and back between two nodes
+    n_turns: int = 5  # of the full stack and of bare sockets
+    n_messages: int = 300  # of a batch that is encoded and decoded
+    n_batches: int = 10
+    max_codec_time: float = 30.0  # [us] of a message, both sides
+    max_overhead: float = 30.0  # [us] of a hop over one over bare sockets
+    min_touch_rate: float = 300.0  # [1/s] of touches of four hops
+
+
+QUICK_BUS = BusSettings(n_laps=500)
 
 
 def hop_rows(quick: bool) -> Iterator[Row]:
-    """Rows for what a message costs."""
-    yield _codec_row()
-    yield from _full_and_bare(500 if quick else LAPS)
+    """Rows for what a message costs; fewer laps if quick."""
+    settings = QUICK_BUS if quick else BusSettings()
+    yield _codec_row(settings)
+    yield from _full_and_bare(settings)
 
 
-def _codec_row(rounds: int = 300, batches: int = 10) -> Row:
+def _codec_row(settings: BusSettings) -> Row:
     message, schema = frame(1), schema_hash(TactileFrame)
 
     def batch() -> None:
-        for _ in range(rounds):
+        for _ in range(settings.n_messages):
             header = Header(1, 0, 7, time.monotonic_ns(), 0.1, schema)
             data = pack_frame("/touch/raw", header, encode(message))
             decode(TactileFrame, split_frame(data)[2])
 
-    cost = best_seconds(batch, batches) / rounds
-    return at_most("codec, checks and header, both sides, 16 x 16", 1e6 * cost, 30.0, ".1f", " us")
+    cost = 1e6 * best_seconds(batch, settings.n_batches) / settings.n_messages
+    title = "codec, checks and header, both sides, 16 x 16"
+    return at_most(title, cost, settings.max_codec_time, ".1f", " us")
 
 
-def _full_and_bare(laps: int, turns: int = 5) -> Iterator[Row]:
+def _full_and_bare(settings: BusSettings) -> Iterator[Row]:
+    laps = settings.n_laps
     for core, where in CORES:
         calls = {"full": partial(_hop, laps, core), "bare": partial(_bare_hop, laps, core)}
-        found = in_turns(calls, turns)
-        full, bare = (min(times) for times in found.values())
-        for name, repeats in (("bare sockets", found["bare"]), ("full stack", found["full"])):
+        times = in_turns(calls, settings.n_turns)
+        full, bare = min(times["full"]), min(times["bare"])
+        for name, repeats in (("bare sockets", times["bare"]), ("full stack", times["full"])):
             yield figure(f"one hop, {name}, {where}", min(repeats), ".1f", " us", repeats=repeats)
-        yield at_most(f"overhead of a hop, {where}", full - bare, 30.0, ".1f", " us")
+        title, most = f"overhead of a hop, {where}", settings.max_overhead
+        yield at_most(title, full - bare, most, ".1f", " us")
         if core < 0:
-            yield at_least("touches of 4 hops", 1e6 / (4 * full), 300.0, ".0f", " /s")
+            rate, least = 1e6 / (4 * full), settings.min_touch_rate
+            yield at_least("touches of 4 hops", rate, least, ".0f", " /s")
 
 
 def ring_seconds(graph: Sequence[Wiring]) -> float:
-    """Time between the first and the last mark of a ring that is launched, s; as `ring_times`."""
+    """Time [s] between the first and the last mark of a ring, as the second of `ring_times`."""
     return ring_times(graph)[1]
 
 
 def ring_times(graph: Sequence[Wiring]) -> tuple[float, float]:
-    """Time until a ring that is launched is up, and between its first and its last mark, s.
+    """Launch a ring: times [s] until it is up, and between its first and its last mark.
 
     Raises RuntimeError if it does not finish.
     """
@@ -81,14 +100,14 @@ def ring_times(graph: Sequence[Wiring]) -> tuple[float, float]:
 
 
 def finished(ending: Ending, what: str) -> Ending:
-    """An ending, if it is that of a graph that finished; else raises RuntimeError."""
+    """The ending of a graph that finished; raises RuntimeError if it did not."""
     if ending.status != "finished":
         raise RuntimeError(f"{what} {ending.status}: {ending.reason}")
     return ending
 
 
 class _Times(Watcher):
-    """Keeps the times at which it received something, and what the start took, s."""
+    """Keeps the time of the start and the times at which messages arrive [s]."""
 
     def __init__(self) -> None:
         self.times: list[float] = []
@@ -102,26 +121,29 @@ class _Times(Watcher):
 
 
 def _hop(laps: int, core: int) -> float:
-    """Time of one hop between two nodes, us."""
+    """Time of one hop between two nodes [us]."""
     return 1e6 * ring_seconds(token_ring(laps, core)) / (2 * (laps - 1))
 
 
 def _bare_hop(laps: int, core: int) -> float:
-    """The same number of bytes over bare local sockets."""
+    """Time of one hop of as many bytes over bare local sockets [us]."""
     with tempfile.TemporaryDirectory(prefix="palpate-") as folder:
         there, back = (f"ipc://{Path(folder) / name}" for name in "ab")
         return bare_hop(there, back, laps, core=core)
 
 
-def bare_hop(there: str, back: str, laps: int, *, core: int = -1, key: str = "") -> float:
-    """Time of one hop of a frame of 16 by 16 taxels between two processes, us.
+def bare_hop(
+    there: str, back: str, laps: int, *, core: int = -1, key: str = "", timeout: float = 20.0
+) -> float:
+    """Time of one hop of a frame of 16 by 16 taxels between two processes [us].
 
     `there` and `back`: endpoints. `laps`: how often it goes there and back. `core`: on which both
     run; -1 leaves them free. `key`: file of a key that locks the sockets; empty for open ones.
+    `timeout` [s]: of all laps. Raises RuntimeError if it is exceeded.
     """
     ends = (there, back, laps, core, key)
     with spawned(partial(_send_back, *ends), partial(_ping, *ends)) as mine:
-        if not mine.poll(_DEADLINE_MS / 1000):
+        if not mine.poll(timeout):
             raise RuntimeError("the bare sockets did not answer")
         seconds: float = mine.recv()
     return seconds / (2 * laps) * 1e6
@@ -129,7 +151,7 @@ def bare_hop(there: str, back: str, laps: int, *, core: int = -1, key: str = "")
 
 @contextmanager
 def spawned(*calls: Callable[[Connection], object]) -> Iterator[Connection]:
-    """Run calls in processes that are killed in the end; each gets the other end of this pipe."""
+    """Run calls in processes that are killed at the end; each gets the other end of this pipe."""
     spawn = multiprocessing.get_context("forkserver")
     mine, yours = spawn.Pipe()
     processes = [spawn.Process(target=call, args=(yours,), daemon=True) for call in calls]

@@ -1,7 +1,7 @@
-"""The objects that are explored to measure it, each as a scene tells it or as a radius.
+"""The objects of the benches that explore: each as a scene describes it, or as a radius.
 
-Add an object at the end of the table; one that is held out must have no say in any number of
-palpate. They are about 90 mm high, and star-shaped in every slice.
+They are about 90 mm high and star-shaped in every slice. Add an object at the end of the table;
+no setting of palpate may be tuned on those that are held out.
 """
 
 from __future__ import annotations
@@ -18,60 +18,67 @@ from palpate.core.explore.planners import TUNED
 from palpate.core.geometry import close_rings
 
 Radius = Callable[[Floats, Floats], Floats]  # Distance from the axis, by height and azimuth
-# What is explored: as a scene describes it, or by its radius, heights from 0 to 1 and both over
-# the object's height, or by its mesh in m; each stands on z = 0.
+# An object as a scene describes it, as a radius (heights from 0 to 1; radius and height as
+# fractions of the object's height), or as a mesh [m]; each stands on z = 0.
 ExploreObject = Mapping[str, Any] | Radius | shapes.Mesh
-EXPLORED_HEIGHT = 0.09  # Of every object that is given by its radius, m
-ROUNDING = 4e-3 / EXPLORED_HEIGHT  # Radius where a side meets a flat end, over the height
-BLUNT = 2.0  # Roundings: an end that is narrower comes to a point by itself, and is not rounded
-RINGS, TURNS = 400, 288  # Of a mesh: its facets are off by 2 um, a tenth of what a touch tells
+EXPLORED_HEIGHT = 0.09  # [m] of every object that is defined by its radius
 
 
 def radial_rings(radii: Floats, heights: Floats, angles: Floats) -> Floats:
-    """Points (m, n, 3) at radii about the z axis, at heights (m,) and azimuths (n,)."""
+    """Points (m, n, 3) at radii about the z axis, heights (m,) and azimuths (n,) [rad]."""
     radii = np.broadcast_to(radii, (len(heights), len(angles)))
-    level = np.broadcast_to(heights[:, None], radii.shape)
-    return np.stack([radii * np.cos(angles), radii * np.sin(angles), level], axis=-1)
+    levels = np.broadcast_to(heights[:, None], radii.shape)
+    return np.stack([radii * np.cos(angles), radii * np.sin(angles), levels], axis=-1)
 
 
 def closed_mesh(
     rings: Floats, low: Floats | None = None, high: Floats | None = None
 ) -> shapes.Mesh:
-    """A mesh of rings (m, n, 3), closed towards two places, else the middles of its ends."""
+    """A mesh of rings (m, n, 3), closed at two points; by default the centres of the end rings."""
     low = rings[0].mean(axis=0) if low is None else low
     return shapes.Mesh(*close_rings(low, rings, rings[-1].mean(axis=0) if high is None else high))
 
 
-def mesh_of_radius(radius: Radius) -> shapes.Mesh:
-    """The solid within a radius, standing on z = 0 with flat or pointed ends, m."""
-    # Closer together towards the ends, where a rounding or a pole bends most.
-    z = 0.5 - 0.5 * np.cos(np.linspace(0.0, np.pi, RINGS))
-    t = 2.0 * np.pi * np.arange(TURNS) / TURNS
-    wide = EXPLORED_HEIGHT * np.asarray(radius(z[:, None], t[None, :]))
-    rings = radial_rings(wide, EXPLORED_HEIGHT * z, t)
+def mesh_of_radius(radius: Radius, n_rings: int = 400, n_azimuths: int = 288) -> shapes.Mesh:
+    """Mesh [m] of the solid with this radius, standing on z = 0 with flat or pointed ends.
+
+    By default its facets deviate by 2 um, a tenth of the error of a touch.
+    """
+    # Rings are denser towards the ends, where a rounding or a pole has most curvature.
+    z = 0.5 - 0.5 * np.cos(np.linspace(0.0, np.pi, n_rings))
+    t = 2.0 * np.pi * np.arange(n_azimuths) / n_azimuths
+    radii = EXPLORED_HEIGHT * np.asarray(radius(z[:, None], t[None, :]))
+    rings = radial_rings(radii, EXPLORED_HEIGHT * z, t)
     return closed_mesh(rings, np.zeros(3), np.array([0.0, 0.0, EXPLORED_HEIGHT]))
 
 
-def rounded(radius: Radius) -> Radius:
-    """The same with its flat ends rounded off."""
-    turns = np.linspace(0.0, 2.0 * np.pi, TURNS)
-    wide = {end: float(np.min(radius(np.array(end), turns))) for end in (0.0, 1.0)}
-    ends = [end for end, width in wide.items() if width > BLUNT * ROUNDING]
+def rounded(
+    radius: Radius, rounding: float = 4e-3, min_width: float = 2.0, n_azimuths: int = 288
+) -> Radius:
+    """The same object with its flat ends rounded off.
 
-    def shape(z: Floats, t: Floats) -> Floats:
-        found = radius(z, t)
+    `rounding`: radius [m] between the side and a flat end. `min_width`: an end whose smallest
+    radius is below so many roundings is left as it is. `n_azimuths`: where the end is sampled.
+    """
+    share = rounding / EXPLORED_HEIGHT
+    azimuths = np.linspace(0.0, 2.0 * np.pi, n_azimuths)
+    widths = {end: float(np.min(radius(np.array(end), azimuths))) for end in (0.0, 1.0)}
+    ends = [end for end, width in widths.items() if width > min_width * share]
+
+    def rounded_radius(z: Floats, t: Floats) -> Floats:
+        radii = radius(z, t)
         for end in ends:
-            inside = np.clip(1.0 - np.abs(z - end) / ROUNDING, 0.0, 1.0)
-            found = found - ROUNDING * (1.0 - np.sqrt(1.0 - inside**2))
-        return np.asarray(found)
+            inside = np.clip(1.0 - np.abs(z - end) / share, 0.0, 1.0)
+            radii = radii - share * (1.0 - np.sqrt(1.0 - inside**2))
+        return np.asarray(radii)
 
-    return shape
+    return rounded_radius
 
 
 def described(x: float, y: float, z: float, e1: float, e2: float, **more: Any) -> dict[str, Any]:
     """A tapered or bent superquadric that stands on z = 0, as a scene describes it."""
-    described = {"size": [x, y, z], "exponents": [e1, e2], **more}
-    return {"superquadric": described, "pose": {"position": [0.0, 0.0, z]}}
+    superquadric = {"size": [x, y, z], "exponents": [e1, e2], **more}
+    return {"superquadric": superquadric, "pose": {"position": [0.0, 0.0, z]}}
 
 
 LATTICE: Mapping[str, Any] = {

@@ -1,4 +1,4 @@
-"""One whole exploration in this process: its scene is written, and what it publishes is kept."""
+"""One whole exploration in this process: writes its scene and keeps what it publishes."""
 
 from __future__ import annotations
 
@@ -34,28 +34,27 @@ from palpate.nodes.runtime.composed import Watcher, run_composed
 KEPT_TYPES = (Contour, PlanDone, PlanEstimate, Score, ShapeModel, TactileFrame, Truth)
 Noise = tuple[Mapping[str, Any], ...]  # Effects, as scenes list them
 EXACT: Noise = ()
-# The default noise: a place that is off by 0.1 mm along each axis, taxels by 10 um.
+# The default noise: standard deviations [m] of a pose along each axis, and of a taxel.
 NOISY: Noise = ({"pose_error": {"sigma": 1e-4}}, {"gaussian_noise": {"sigma": 1e-5}})
 NOISES = {"exact": EXACT, "noise": NOISY}
-FEATURE = 3.0e-3  # What may stay untouched, m
 MESH = "object.ply"
 
 
 class Explored(NamedTuple):
-    """What an exploration came to; what there are several of stands in the order it was made."""
+    """Result of an exploration; tuples are in the order of publication."""
 
     truth: Truth  # The object
     contours: tuple[Contour, ...]
     models: tuple[ShapeModel, ...]
     scores: tuple[Score, ...]  # Of the models
-    estimates: tuple[PlanEstimate, ...]  # What the planner published of them
-    done: PlanDone  # What the planner published in the end
-    touches: int  # Of all fingers, searching and probing included
-    wall: float  # Time on this computer, s
+    estimates: tuple[PlanEstimate, ...]  # The planner's, of the models
+    done: PlanDone  # The planner's last message
+    touches: int  # Number of touches of all fingers, searching and probing included
+    wall: float  # Elapsed time [s]
 
     @property
     def score(self) -> Score:
-        """Of the last model."""
+        """The score of the last model."""
         return self.scores[-1]
 
     @property
@@ -65,25 +64,25 @@ class Explored(NamedTuple):
 
     @property
     def bound(self) -> float | None:
-        """What the run states of that error, % of the object's height."""
+        """Bound of that error that the run states, % of the object's height."""
         bound = self.done.rms_bound_95
         return None if bound is None else 100.0 * bound / self.score.size
 
     @property
     def held(self) -> bool | None:
-        """Whether the error is below what the run states; None if it states nothing."""
+        """Whether the error is at most the stated bound; None if no bound is stated."""
         return None if self.bound is None else self.percent <= self.bound
 
 
 class MessageCollector(Watcher):
-    """Keeps what is published, by type; of tactile frames only how many there were."""
+    """Keeps published messages by type; tactile frames are only counted."""
 
     def __init__(self) -> None:
         self.kept: dict[type, list[Any]] = defaultdict(list)
-        self.touches = 0  # Of all fingers
+        self.touches = 0  # Number of touches of all fingers
 
     def received(self, topic: str, message: object) -> None:
-        """Keep a message; of a frame, that there was one."""
+        """Keep a message, or count a frame."""
         if isinstance(message, TactileFrame):
             self.touches += 1
         else:
@@ -99,10 +98,10 @@ def explore_object(
     fingers: int = 1,
     moved: Floats | None = None,
 ) -> Explored:
-    """Explore an object, all nodes in this process, nothing recorded.
+    """Explore an object with all nodes in this process and without a recording.
 
-    Arguments as of `write_scene`; `fingers` is the launch file's. Raises RuntimeError if the
-    exploration does not come to its end with a model that could be measured.
+    Arguments as of `write_scene`; `fingers` is that of the launch file. Raises RuntimeError if the
+    exploration does not finish with a model that is scored.
     """
     with tempfile.TemporaryDirectory(prefix="palpate-bench-") as folder:
         return explore_scene(write_scene(Path(folder), target, noise, demand, seed, moved), fingers)
@@ -111,8 +110,8 @@ def explore_object(
 def explore_scene(
     scene: Path, fingers: int = 1, settings: Mapping[str, Any] = {}, out: Path | None = None
 ) -> Explored:
-    """Explore the scene in a file; as `explore_object`. `out`: beside the file if left out."""
-    began, collector = time.perf_counter(), MessageCollector()
+    """Explore the scene in a file, as `explore_object`. `out`: by default beside the file."""
+    start, collector = time.perf_counter(), MessageCollector()
     compose_scene(scene, KEPT_TYPES, collector, fingers, settings, out)
     kept = collector.kept
     if not kept[Score]:
@@ -125,7 +124,7 @@ def explore_scene(
         tuple(kept[PlanEstimate]),
         kept[PlanDone][-1],
         collector.touches,
-        time.perf_counter() - began,
+        time.perf_counter() - start,
     )
 
 
@@ -137,23 +136,25 @@ def compose_scene(
     settings: Mapping[str, Any] = {},
     out: Path | None = None,
     *,
-    scored: bool = True,
+    is_scored: bool = True,
 ) -> None:
     """Run the graph that explores a scene, in this process; the watcher receives these types.
 
-    Raises RuntimeError if it does not come to its end. Where nothing is to be scored, nobody says
-    that it has: it is over when all is quiet.
+    Raises RuntimeError if it does not finish. Without scores no node reports the end: the graph
+    has then finished when no message is left.
     """
     values = {"scene": str(scene), "fingers": fingers, "record": False}
     args = {name: SourceMapped(value, name) for name, value in values.items()}
-    given = {name: SourceMapped(value, name) for name, value in settings.items()}
-    plan = plan_run(EXPLORE, args, given, name=scene.stem, out=out or scene.parent / "run")
-    known = {topic: name for wiring in plan.wirings for topic, name in wiring.types.items()}
+    overrides = {name: SourceMapped(value, name) for name, value in settings.items()}
+    plan = plan_run(EXPLORE, args, overrides, name=scene.stem, out=out or scene.parent / "run")
+    types_by_topic = {
+        topic: name for wiring in plan.wirings for topic, name in wiring.types.items()
+    }
     names = {cls.__name__ for cls in types}
-    watch = tuple(topic for topic, name in known.items() if name in names)
-    wirings = [one for one in plan.wirings if scored or one.name != plan.ends]
+    watch = tuple(topic for topic, name in types_by_topic.items() if name in names)
+    wirings = [wiring for wiring in plan.wirings if is_scored or wiring.name != plan.ends]
     ending = run_composed(wirings, ends=plan.ends, watch=watch, watcher=watcher)
-    if ending.status != ("finished" if scored else "stalled"):
+    if ending.status != ("finished" if is_scored else "stalled"):
         raise RuntimeError(f"the exploration {ending.status}: {ending.reason}")
 
 
@@ -165,13 +166,13 @@ def percent_of(score: Score) -> float:
 class Demand(NamedTuple):
     """What is asked of an exploration, by its keys in a scene."""
 
-    planner: str = "predicted"  # Name of the rule
-    tolerance: float = 0.002 * EXPLORED_HEIGHT  # Root mean square error, m
-    settings: Mapping[str, Any] = {}  # The rule's numbers
-    axis: tuple[float, float, float] | None = None  # Along which it is sliced; None: the object's
-    feature: float | None = FEATURE  # What may stay untouched, m; None if the tolerance says
-    underside: str = "flat"  # What it stands on: flat, or to be known
-    turns: int = 1  # Times that it may be turned over
+    planner: str = "predicted"  # Name of the planner
+    tolerance: float = 0.002 * EXPLORED_HEIGHT  # [m] root mean square error
+    settings: Mapping[str, Any] = {}  # Of the planner
+    axis: tuple[float, float, float] | None = None  # Normal of the slices; None: the object's axis
+    feature: float | None = 3.0e-3  # [m] largest untouched feature; None: from the tolerance
+    underside: str = "flat"  # "flat" if it is taken for flat, "known" if it is to be touched
+    turns: int = 1  # How often it may be turned over
 
 
 def write_scene(
@@ -182,9 +183,9 @@ def write_scene(
     seed: int = 0,
     moved: Floats | None = None,
 ) -> Path:
-    """A scene with one object, and its mesh if it is given as one or by its radius.
+    """Write a scene with one object, and a mesh file for an object that is a mesh or a radius.
 
-    `seed`: of all that is random. `moved` (7,): pose of the object's own frame in the world, m.
+    `seed`: of everything random. `moved` (7,): pose of the object's own frame in the world [m].
     Returns the scene's file in the folder.
     """
     if callable(target) or isinstance(target, Mesh):
@@ -193,9 +194,9 @@ def write_scene(
     else:
         solid = dict(target)
     if moved is not None:
-        place = solid.get("pose", {}).get("position", [0.0, 0.0, 0.0])
-        found = (Pose.from_array(moved) @ Pose(np.array(place), np.eye(3))).array
-        solid["pose"] = {"position": found[:3].tolist(), "rotation": found[3:].tolist()}
+        position = solid.get("pose", {}).get("position", [0.0, 0.0, 0.0])
+        pose = (Pose.from_array(moved) @ Pose(np.array(position), np.eye(3))).array
+        solid["pose"] = {"position": pose[:3].tolist(), "rotation": pose[3:].tolist()}
     scene = {"object": solid, "effects": list(noise), "explore": demand._asdict(), "seed": seed}
     path = folder / "scene.yaml"
     path.write_text(json.dumps(scene), encoding="utf-8")  # JSON is YAML too

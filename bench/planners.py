@@ -1,18 +1,18 @@
-"""How many contours each planner needs on exact ones, and which step template suits which object.
+"""How many exact contours each planner needs, and which step template suits which object.
 
-The side is rebuilt in the same way for all planners; the count of even slices is the fewest that
-do, known afterwards. The analysis of templates is what the thesis wished for (6.1): every one, of
-curvature and its change each (separable, (3.28)) and of their sum (which is not but for the
-exponential, whose product it is), with constants from one grid. They are chosen on some objects of
-a kind, by the fewest contours with which the side is good enough at the plan's end, and judged on
-others. What kind an object is, its curvature along the height tells: times the height, at its
-largest in the middle four fifths, averaged around.
+The side is rebuilt in the same way for all planners; the count of even slices is the smallest that
+suffices, known only afterwards. The analysis of templates is the one that the thesis proposes
+(6.1): each template as a product of one of curvature and one of its change (separable, (3.28)),
+and as one of their sum (equal to the product only for the exponential), with constants from one
+grid. Constants are chosen on some objects of a kind, by the fewest contours with which the side is
+good enough at the plan's end, and judged on other objects. The kind of an object follows from its
+curvature along the height, times the height: the largest of the middle 80 %, averaged around.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import islice, product
 from typing import Literal, NamedTuple
@@ -23,191 +23,233 @@ from palpate.bench.radii import HELD_OUT, drawn_objects
 from palpate.bench.table import Row, at_least, at_most, best_seconds, figure
 from palpate.core.explore import planners as rules
 
-DEMAND = 0.0025  # Root mean square error of the side, over the height
-# None is below what the noise alone makes of the error.
-PLAN_TOLERANCES, QUICK_PLAN_TOLERANCES = (0.0015, 0.002, 0.0025, 0.004), (0.0015, 0.0025)
-PLAN_NOISE = 1e-4  # Of a pad's position, m
-DRAWN, SEED = 60, 11  # Objects by chance
-CANDIDATES = 95  # Heights among which one that sees the truth chooses
-MOST_MILLISECONDS = 5.0
-TEMPLATE_DRAWN = 80  # Objects by chance; every other one chooses
-KINDS = {"plain": 4.0, "featured": 9.0, "sharp": np.inf}  # Curvatures below which an object is one
-MIDDLE = np.linspace(0.1, 0.9, 401)  # Heights at which its kind is looked for
-BEND_RATES = (0.02, 0.05, 0.15, 0.4, 1.0)
+KINDS = {"plain": 4.0, "featured": 9.0, "sharp": np.inf}  # Largest curvature, times the height
 Form = Literal["product", "joint"]
-# How both are joined, and the rate of the change over that of the curvature; 0: it has no say.
-FORMS: tuple[tuple[Form, float], ...] = (
-    *(("product", change) for change in (0.0, 0.5, 2.0)),
-    *(("joint", change) for change in (0.5, 2.0)),
-)
-STEPS = ((0.02, 0.1), (0.02, 0.2), (0.05, 0.15), (0.08, 0.2), (0.06, 0.35), (0.12, 0.35))
-POWERS = (0.5, 1.0, 3.0)  # Of the two templates that have one
-QUICK = 7  # Every so manieth set alone
-OVER_THESIS = 0.85
-SEGMENTS = (2, 4, 16)  # Of the piecewise linear forms
 Trials = Mapping[str, rules.PlannerTrial]
 Counts = Mapping[str, int]  # Contours that each object needs
-OVER_UNIFORM, OVER_POSITIONS, MOST_MORE = 0.95, 0.70, 1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlannerSettings:
+    """Objects, tolerances and demands of the comparison of planners."""
+
+    max_error: float = 0.0025  # [fraction of the height] root mean square error of the side
+    # [fraction of the height] that are asked for; none is below the error that noise alone causes.
+    tolerances: tuple[float, ...] = (0.0015, 0.002, 0.0025, 0.004)
+    noise: float = 1e-4  # [m] standard deviation of a pad's position
+    n_drawn: int = 60  # random objects, of which a third calibrate the bound
+    seed: int = 11  # of the random objects
+    n_candidates: int = 95  # heights among which the planner that sees the truth chooses
+    max_calibration_slices: int = 40
+    max_decision_time: float = 5.0  # [ms]
+    max_over_uniform: float = 0.95  # contours of the default planner over those of even slices
+    max_over_positions: float = 0.70  # the same over even slices without slopes
+    max_more: int = 1  # contours than even slices, on the worst object
+    held_range: tuple[float, float] = (0.90, 0.98)  # share of bounds of 95 % that hold
+    min_punctual: float = 0.80  # share of bounds within tolerance at most one contour late
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TemplateSettings:
+    """Objects and the grid of constants of the comparison of step templates."""
+
+    n_drawn: int = 80  # random objects; every second one chooses the constants
+    rates: tuple[float, ...] = (0.02, 0.05, 0.15, 0.4, 1.0)  # of curvature
+    # Rate of the change of curvature over that of curvature; 0: the change has no influence.
+    product_changes: tuple[float, ...] = (0.0, 0.5, 2.0)
+    joint_changes: tuple[float, ...] = (0.5, 2.0)
+    # [fraction of the height] smallest and largest step
+    steps: tuple[tuple[float, float], ...] = (
+        *((0.02, 0.1), (0.02, 0.2), (0.05, 0.15), (0.08, 0.2), (0.06, 0.35), (0.12, 0.35)),
+    )
+    powers: tuple[float, ...] = (0.5, 1.0, 3.0)  # of the two templates that have one
+    stride: int = 1  # in the list of all sets of constants
+    n_segments: tuple[int, ...] = (2, 4, 16)  # of the piecewise linear forms
+    max_over_best: float = 0.85  # contours of the default planner over those of the best template
+
+
+DEFAULT_PLANNERS = PlannerSettings()
+QUICK_PLANNERS = PlannerSettings(tolerances=(0.0015, 0.0025))
+QUICK_TEMPLATES = TemplateSettings(stride=7)
 
 
 class PlanClaim(NamedTuple):
-    """One run to its end: what was claimed, and what was true; errors over the height."""
+    """Stated and true errors of a run; as fractions of the height."""
 
     true: float  # Root mean square error
-    bound: float  # That the run has claimed
+    bound: float  # That the run states
     slices: int
-    first_true: int | None  # Slices at which the error was first within tolerance
-    first_bound: int | None  # At which the bound was
+    first_true: int | None  # Slices at which the error is first within tolerance
+    first_bound: int | None  # Slices at which the bound is first within tolerance
 
 
 def planner_rows(quick: bool) -> Iterable[Row]:
     """Figures of planners; fewer runs of the calibration if quick."""
-    yield from count_rows()
-    yield from _other_objects("held-out objects", HELD_OUT)
-    yield from _other_objects("drawn objects", drawn_objects(DRAWN, SEED))
-    yield from step_rule_rows({**HELD_OUT, **drawn_objects(DRAWN, SEED)})
-    yield from plan_calibration_rows(QUICK_PLAN_TOLERANCES if quick else PLAN_TOLERANCES)
-    trial, heights = (
-        rules.PlannerTrial(rules.TUNED["bottle"]),
-        rules.EXTENT * np.linspace(0.03, 0.97, 12),
-    )
+    settings = QUICK_PLANNERS if quick else DEFAULT_PLANNERS
+    drawn = drawn_objects(settings.n_drawn, settings.seed)
+    yield from count_rows(settings)
+    yield from _other_objects("held-out objects", HELD_OUT, settings)
+    yield from _other_objects("drawn objects", drawn, settings)
+    yield from step_rule_rows({**HELD_OUT, **drawn}, settings)
+    yield from plan_calibration_rows(settings)
+    trial = rules.PlannerTrial(rules.TUNED["bottle"])
+    heights = rules.EXTENT * np.linspace(0.03, 0.97, 12)
     slices = tuple(trial.slice_at(height) for height in heights.tolist())
     decide = partial(rules.Predicted().next, rules.observation_of(slices, 0.0002))
-    milliseconds = 1e3 * best_seconds(decide, 9)
-    yield at_most("a decision with 12 slices", milliseconds, MOST_MILLISECONDS, ".1f", " ms")
+    milliseconds, most = 1e3 * best_seconds(decide, 9), settings.max_decision_time
+    yield at_most("a decision with 12 slices", milliseconds, most, ".1f", " ms")
 
 
-def count_rows() -> Iterable[Row]:
+def count_rows(settings: PlannerSettings = DEFAULT_PLANNERS) -> Iterable[Row]:
     """Contours that the planners need for the demand, summed over the objects."""
     trials = _trials(rules.TUNED)
-    even, bare, predicted = _counts(trials)
-    seen = {name: greedy_count(trial) for name, trial in trials.items()}
+    even, bare, predicted = _counts(trials, settings.max_error)
+    greedy = {
+        name: greedy_count(trial, settings.max_error, settings.n_candidates)
+        for name, trial in trials.items()
+    }
     for name in trials:
-        counts = f"{bare[name]} / {even[name]} / {predicted[name]} / {seen[name]}"
+        counts = f"{bare[name]} / {even[name]} / {predicted[name]} / {greedy[name]}"
         yield Row(f"{name}: positions only / uniform / predicted / seeing", counts)
     for title, value in {
         "sum, uniform with positions only": sum(bare.values()),
         "sum, uniform": sum(even.values()),
-        "sum, seeing the truth, one slice ahead": sum(seen.values()),
+        "sum, seeing the truth, one slice ahead": sum(greedy.values()),
         "sum, predicted": sum(predicted.values()),
     }.items():
         yield Row(title, str(value))
-    rivals = ("uniform", even, OVER_UNIFORM), ("uniform with positions only", bare, OVER_POSITIONS)
-    for name, rival, most in rivals:
+    for name, rival, most in (
+        ("uniform", even, settings.max_over_uniform),
+        ("uniform with positions only", bare, settings.max_over_positions),
+    ):
         ratio = sum(predicted.values()) / sum(rival.values())
         yield Row(f"predicted over {name}", f"{ratio:.2f}", f"<= {most:.2f}", ratio <= most)
     more = max(predicted[name] - even[name] for name in even)
     title = "predicted less uniform, on the worst object"
-    yield Row(title, str(more), f"<= {MOST_MORE}", more <= MOST_MORE)
+    yield Row(title, str(more), f"<= {settings.max_more}", more <= settings.max_more)
 
 
 def _trials(objects: Mapping[str, rules.Radius]) -> Trials:
     return {name: rules.PlannerTrial(radius) for name, radius in objects.items()}
 
 
-def _counts(trials: Trials) -> tuple[Counts, Counts, Counts]:
+def _counts(trials: Trials, max_error: float) -> tuple[Counts, Counts, Counts]:
     """Of even slices, of even ones rebuilt from positions alone, and of the default planner."""
-    bare = even_counts(trials, slopes=False)
-    return even_counts(trials), bare, first_counts(rules.Predicted(), trials)
+    bare = even_counts(trials, max_error, slopes=False)
+    return even_counts(trials, max_error), bare, first_counts(rules.Predicted(), trials, max_error)
 
 
-def greedy_count(trial: rules.PlannerTrial) -> int:
-    """Slices for one who sees the truth, and always takes the height that helps most."""
-    heights = (
-        rules.EXTENT * np.linspace(rules.END_SHARE, 1.0 - rules.END_SHARE, CANDIDATES)
-    ).tolist()
+def greedy_count(trial: rules.PlannerTrial, max_error: float, n_candidates: int) -> int:
+    """Slices of a planner that sees the truth and always takes the height that helps most."""
+    heights = _even_heights(n_candidates)
     slices = [trial.slice_at(heights[0]), trial.slice_at(heights[-1])]
-    while trial.rms(slices) > DEMAND and len(slices) < rules.MOST_CONTOURS_PLANNED:
-        taken = {one.height for one in slices}
+    while trial.rms(slices) > max_error and len(slices) < rules.MOST_CONTOURS_PLANNED:
+        taken = {slice_.height for slice_ in slices}
         offers = [trial.slice_at(height) for height in heights if height not in taken]
-        slices.append(min(offers, key=lambda one: trial.rms([*slices, one])))
+        slices.append(min(offers, key=lambda offer: trial.rms([*slices, offer])))
     return len(slices)
 
 
-def _other_objects(title: str, objects: Mapping[str, rules.Radius]) -> Iterable[Row]:
+def _even_heights(count: int) -> list[float]:
+    """Even heights [m] between the ends that the planners leave out."""
+    shares = np.linspace(rules.END_SHARE, 1.0 - rules.END_SHARE, count)
+    heights: list[float] = (rules.EXTENT * shares).tolist()
+    return heights
+
+
+def _other_objects(
+    title: str, objects: Mapping[str, rules.Radius], settings: PlannerSettings
+) -> Iterable[Row]:
     trials = _trials(objects)
-    even, bare, predicted = _counts(trials)
+    even, bare, predicted = _counts(trials, settings.max_error)
     total = sum(predicted.values())
-    for name, whole in (("uniform", even), ("uniform, positions only", bare)):
-        ratio = f"{total / sum(whole.values()):.2f}"
+    for name, counts in (("uniform", even), ("uniform, positions only", bare)):
+        ratio = f"{total / sum(counts.values()):.2f}"
         yield Row(f"{len(trials)} {title}: predicted over {name}", ratio)
     worst = max(predicted[name] - even[name] for name in trials)
     yield Row(f"{title}: predicted less uniform, worst", str(worst))
 
 
-def step_rule_rows(objects: Mapping[str, rules.Radius]) -> Iterable[Row]:
-    """Rules that step from slice to slice, on objects that none of them has seen."""
-    trials = _trials(objects)
-    found: dict[str, rules.Planner] = {
+def step_rule_rows(
+    objects: Mapping[str, rules.Radius], settings: PlannerSettings = DEFAULT_PLANNERS
+) -> Iterable[Row]:
+    """Planners that step from slice to slice, on objects on which none of them was tuned."""
+    trials, max_error = _trials(objects), settings.max_error
+    planners: dict[str, rules.Planner] = {
         "thesis": rules.Thesis(),
         "fuzzy": rules.Fuzzy(),
         "learned": rules.Learned(),
     }
-    for name, rule in found.items():
-        counts = np.array([plan_count(rule, one) for one in trials.values()])
+    for name, planner in planners.items():
+        counts = np.array([plan_count(planner, trial, max_error) for trial in trials.values()])
         good = counts[counts < rules.MOST_CONTOURS_PLANNED]
         shown = f"{good.mean():.1f}, {len(counts) - len(good)} of {len(counts)} failed"
         yield Row(f"steps by {name}: contours where they suffice", shown)
-    mean = float(np.mean(list(first_counts(rules.Predicted(), trials).values())))
+    predicted = first_counts(rules.Predicted(), trials, max_error)
+    mean = float(np.mean(list(predicted.values())))
     yield figure("predicted, until the error is small enough", mean, ".1f")
-    mean = float(np.mean(list(even_counts(trials).values())))
+    mean = float(np.mean(list(even_counts(trials, max_error).values())))
     yield figure("even, known afterwards", mean, ".1f")
 
 
-def even_counts(trials: Trials, *, slopes: bool = True) -> Counts:
-    """Of even slices, the fewest that do."""
+def even_counts(trials: Trials, max_error: float, *, slopes: bool = True) -> Counts:
+    """The smallest number of even slices that suffices."""
 
-    def fewest(trial: rules.PlannerTrial) -> int:
+    def smallest(trial: rules.PlannerTrial) -> int:
         for count in range(2, rules.MOST_CONTOURS_PLANNED):
-            heights = rules.EXTENT * np.linspace(rules.END_SHARE, 1.0 - rules.END_SHARE, count)
-            slices = [trial.slice_at(height) for height in heights.tolist()]
-            if trial.rms(slices, slopes=slopes) <= DEMAND:
+            slices = [trial.slice_at(height) for height in _even_heights(count)]
+            if trial.rms(slices, slopes=slopes) <= max_error:
                 return count
         return rules.MOST_CONTOURS_PLANNED
 
-    return {name: fewest(trial) for name, trial in trials.items()}
+    return {name: smallest(trial) for name, trial in trials.items()}
 
 
-def first_counts(planner: rules.Planner, trials: Trials) -> Counts:
-    """After how many slices of a plan the side is first good enough."""
+def first_counts(planner: rules.Planner, trials: Trials, max_error: float) -> Counts:
+    """The number of slices of a plan after which the side is first good enough."""
     return {
-        name: _first(errors_of(trial, rules.run_planner(planner, trial, DEMAND)[0]), DEMAND)
+        name: _first(errors_of(trial, rules.run_planner(planner, trial, max_error)[0]), max_error)
         or rules.MOST_CONTOURS_PLANNED
         for name, trial in trials.items()
     }
 
 
-def plan_calibration_rows(tolerances: Sequence[float]) -> Iterable[Row]:
-    """Whether the bound holds as often as it claims, on objects not used for tuning."""
-    objects = {**HELD_OUT, **drawn_objects(DRAWN // 3, SEED)}
+def plan_calibration_rows(settings: PlannerSettings = DEFAULT_PLANNERS) -> Iterable[Row]:
+    """Whether the bound holds as often as it states, on objects on which nothing was tuned."""
+    objects = {**HELD_OUT, **drawn_objects(settings.n_drawn // 3, settings.seed)}
     runs = [
-        plan_claim(rules.PlannerTrial(radius, noise, seed), tolerance)
+        plan_claim(
+            rules.PlannerTrial(radius, noise, seed), tolerance, settings.max_calibration_slices
+        )
         for radius in objects.values()
-        for noise, seed in ((0.0, 0), (PLAN_NOISE, 1), (PLAN_NOISE, 2))
-        for tolerance in tolerances
+        for noise, seed in ((0.0, 0), (settings.noise, 1), (settings.noise, 2))
+        for tolerance in settings.tolerances
     ]
-    held = float(np.mean([one.true <= one.bound for one in runs]))
-    name = f"{len(runs)} runs on other objects: bound of 95 % holds"
-    yield Row(name, f"{held:.1%}", "90 to 98 %", 0.90 <= held <= 0.98)
-    reached = [(one, one.first_true) for one in runs if one.first_true is not None]
-    near = [
-        one.first_bound is not None and abs(one.first_bound - first) <= 1 for one, first in reached
+    held = float(np.mean([run.true <= run.bound for run in runs]))
+    (low, high), name = (
+        settings.held_range,
+        f"{len(runs)} runs on other objects: bound of 95 % holds",
+    )
+    yield Row(name, f"{held:.1%}", f"{100 * low:.0f} to {100 * high:.0f} %", low <= held <= high)
+    reached = [(run, run.first_true) for run in runs if run.first_true is not None]
+    punctual = [
+        run.first_bound is not None and abs(run.first_bound - first) <= 1 for run, first in reached
     ]
     name = "other objects: bound within tolerance at most 1 contour late"
-    yield at_least(name, float(np.mean(near)), 0.80, ".1%")
-    late = [one.slices - first for one, first in reached]
+    yield at_least(name, float(np.mean(punctual)), settings.min_punctual, ".1%")
+    late = [run.slices - first for run, first in reached]
     ended = float(np.mean([abs(more) <= 1 for more in late]))
     yield Row("other objects: ends so, with nothing untouched", f"{ended:.1%}")
     name = "other objects: contours more until nothing is untouched, median"
     yield Row(name, f"{np.median(late):.0f}")
 
 
-def plan_claim(trial: rules.PlannerTrial, tolerance: float) -> PlanClaim:
-    """Let the default planner work until it stops, and compare what it claims with the truth."""
-    slices, _ = rules.run_planner(rules.Predicted(), trial, tolerance, most=40)
+def plan_claim(trial: rules.PlannerTrial, tolerance: float, max_slices: int = 40) -> PlanClaim:
+    """Run the default planner until it stops, and compare its bound with the true error."""
+    slices, _ = rules.run_planner(rules.Predicted(), trial, tolerance, most=max_slices)
     bounds = [
-        1.0 if one.rms_bound_95 is None else one.rms_bound_95 / rules.EXTENT
-        for one in (
+        1.0 if estimate.rms_bound_95 is None else estimate.rms_bound_95 / rules.EXTENT
+        for estimate in (
             rules.estimate_error(rules.observation_of(slices[: i + 1], tolerance))
             for i in range(len(slices))
         )
@@ -218,7 +260,7 @@ def plan_claim(trial: rules.PlannerTrial, tolerance: float) -> PlanClaim:
 
 
 def errors_of(trial: rules.PlannerTrial, slices: Sequence[rules.ObservedSlice]) -> list[float]:
-    """True error after each slice, over the height."""
+    """True error after each slice, as a fraction of the height."""
     return [trial.rms(slices[: i + 1]) for i in range(len(slices))]
 
 
@@ -226,51 +268,65 @@ def _first(values: Sequence[float], most: float) -> int | None:
     return next((i + 1 for i, value in enumerate(values) if value <= most), None)
 
 
-class Chosen(NamedTuple):
-    """A rule and the mean contours that it takes."""
+class ChosenRule(NamedTuple):
+    """The best rule of a template and form, and the mean number of contours that it takes."""
 
     rule: rules.Thesis
-    chosen: float  # On the objects that chose it
-    judged: float  # On the others
-    failed: int  # Of the others: those that it does not rebuild well enough
+    chosen_mean: float  # On the objects that chose it
+    judged_mean: float  # On the other objects
+    n_failed: int  # Number of the other objects that it does not rebuild well enough
 
 
 def template_rows(quick: bool) -> Iterator[Row]:
     """Contours by kind of object, and a finding for each kind; fewer constants if quick."""
-    drawn, sets = drawn_objects(TEMPLATE_DRAWN, SEED), rule_sets()[:: QUICK if quick else 1]
+    settings = QUICK_TEMPLATES if quick else TemplateSettings()
+    drawn = drawn_objects(settings.n_drawn, DEFAULT_PLANNERS.seed)
+    rule_list = rule_sets(settings)[:: settings.stride]
     halves = [dict(islice(drawn.items(), first, None, 2)) for first in (0, 1)]
-    seen = by_kind({**rules.TUNED, **halves[0]})
-    others = by_kind({**HELD_OUT, **halves[1]})
+    choosing = by_kind({**rules.TUNED, **halves[0]})
+    judging = by_kind({**HELD_OUT, **halves[1]})
     for kind in KINDS:
-        found = best_by_form(sets, seen[kind], others[kind])
-        yield Row(
-            f"{kind}: objects that choose, and others", f"{len(seen[kind])}, {len(others[kind])}"
-        )
-        for name, one in found.items():
-            shown = f"{one.chosen:.1f}, {one.judged:.1f}, {one.failed}"
-            yield Row(f"{kind}: {name}: contours, of others, failed", shown)
-        best = min(found.values(), key=lambda one: one.judged)
-        for count in SEGMENTS:
-            mean, failed = judge_rule(replace(best.rule, segments=count), others[kind])
-            yield Row(f"{kind}: the best of others in {count} segments", f"{mean:.1f}, {failed}")
-        for name, counts in (
-            ("predicted", first_counts(rules.Predicted(), others[kind])),
-            ("even, known afterwards", even_counts(others[kind])),
-        ):
-            mean = float(np.mean(list(counts.values())))
-            yield figure(f"{kind}: {name}, of others", mean, ".1f")
-            if name == "predicted":
-                yield at_most(f"{kind}: predicted over the best", mean / best.judged, OVER_THESIS)
-        yield finding(kind, found)
-    for count in (0, *SEGMENTS):
+        yield from _kind_rows(kind, rule_list, choosing[kind], judging[kind], settings)
+    for count in (0, *settings.n_segments):
         step = partial(rules.Thesis(segments=count).later, 2.0, 1.0, 3)
         name = f"{count} segments" if count else "closed form"
         yield figure(f"one step, {name}", 1e6 * best_seconds(step, 200), ".1f", " us")
 
 
-def rule_sets() -> list[rules.Thesis]:
+def _kind_rows(
+    kind: str,
+    rule_list: Sequence[rules.Thesis],
+    choosing: Trials,
+    judging: Trials,
+    settings: TemplateSettings,
+) -> Iterator[Row]:
+    """Contours of the best rules on objects of a kind, and of the default planner."""
+    chosen, max_error = best_by_form(rule_list, choosing, judging), DEFAULT_PLANNERS.max_error
+    yield Row(f"{kind}: objects that choose, and others", f"{len(choosing)}, {len(judging)}")
+    for name, entry in chosen.items():
+        shown = f"{entry.chosen_mean:.1f}, {entry.judged_mean:.1f}, {entry.n_failed}"
+        yield Row(f"{kind}: {name}: contours, of others, failed", shown)
+    best = min(chosen.values(), key=lambda entry: entry.judged_mean)
+    for count in settings.n_segments:
+        mean, n_failed = judge_rule(replace(best.rule, segments=count), judging)
+        yield Row(f"{kind}: the best of others in {count} segments", f"{mean:.1f}, {n_failed}")
+    for name, counts in (
+        ("predicted", first_counts(rules.Predicted(), judging, max_error)),
+        ("even, known afterwards", even_counts(judging, max_error)),
+    ):
+        mean = float(np.mean(list(counts.values())))
+        yield figure(f"{kind}: {name}, of others", mean, ".1f")
+        if name == "predicted":
+            ratio = mean / best.judged_mean
+            yield at_most(f"{kind}: predicted over the best", ratio, settings.max_over_best)
+    yield finding(kind, chosen)
+
+
+def rule_sets(settings: TemplateSettings = TemplateSettings()) -> list[rules.Thesis]:
     """Every template, form and set of constants."""
-    places = product(rules.TEMPLATES, FORMS, BEND_RATES, STEPS, POWERS)
+    forms: list[tuple[Form, float]] = [("product", change) for change in settings.product_changes]
+    forms += [("joint", change) for change in settings.joint_changes]
+    grid = product(rules.TEMPLATES, forms, settings.rates, settings.steps, settings.powers)
     return [
         rules.Thesis(
             template=template,
@@ -281,59 +337,65 @@ def rule_sets() -> list[rules.Thesis]:
             most=most,
             power=power,
         )
-        for template, (form, change), rate, (least, most), power in places
+        for template, (form, change), rate, (least, most), power in grid
         if template != "exponential" or power == 1.0
     ]
 
 
 def by_kind(objects: Mapping[str, rules.Radius]) -> dict[str, dict[str, rules.PlannerTrial]]:
     """Trials of objects, by their kind."""
-    found: dict[str, dict[str, rules.PlannerTrial]] = {kind: {} for kind in KINDS}
+    trials: dict[str, dict[str, rules.PlannerTrial]] = {kind: {} for kind in KINDS}
     for name, radius in objects.items():
-        found[kind_of(radius)][name] = rules.PlannerTrial(radius)
-    return found
+        trials[kind_of(radius)][name] = rules.PlannerTrial(radius)
+    return trials
 
 
 def kind_of(radius: rules.Radius) -> str:
     """Plain, featured or sharp."""
-    curvatures = rules.measure_side(radius, MIDDLE, rules.AROUND).curvatures
+    middle = np.linspace(0.1, 0.9, 401)
+    curvatures = rules.measure_side(radius, middle, rules.AROUND).curvatures
     largest = float(np.abs(curvatures).mean(axis=1).max())
     return next(kind for kind, most in KINDS.items() if largest < most)
 
 
-def best_by_form(sets: Sequence[rules.Thesis], seen: Trials, others: Trials) -> dict[str, Chosen]:
-    """The best set of each template and form, by name."""
+def best_by_form(
+    rule_list: Sequence[rules.Thesis], choosing: Trials, judging: Trials
+) -> dict[str, ChosenRule]:
+    """The best set of constants of each template and form, by name."""
     best: dict[str, tuple[float, rules.Thesis]] = {}
-    for rule in sets:
+    for rule in rule_list:
         name = f"{rule.template}, {rule.form if rule.change_rate else 'curvature alone'}"
-        mean, _ = judge_rule(rule, seen)
+        mean, _ = judge_rule(rule, choosing)
         if name not in best or mean < best[name][0]:
             best[name] = mean, rule
     return {
-        name: Chosen(rule, mean, *judge_rule(rule, others)) for name, (mean, rule) in best.items()
+        name: ChosenRule(rule, mean, *judge_rule(rule, judging))
+        for name, (mean, rule) in best.items()
     }
 
 
-def judge_rule(rule: rules.Thesis, trials: Trials) -> tuple[float, int]:
+def judge_rule(
+    rule: rules.Thesis, trials: Trials, max_error: float = DEFAULT_PLANNERS.max_error
+) -> tuple[float, int]:
     """Mean contours of a rule, and how many objects it does not rebuild well enough."""
-    counts = [plan_count(rule, one) for one in trials.values()]
+    counts = [plan_count(rule, trial, max_error) for trial in trials.values()]
     return float(np.mean(counts)), counts.count(rules.MOST_CONTOURS_PLANNED)
 
 
-def plan_count(rule: rules.Planner, trial: rules.PlannerTrial) -> int:
-    """Contours of a plan, if at its end the side is good enough; else the most."""
-    slices, stop = rules.run_planner(rule, trial, DEMAND)
-    done = stop is not None and trial.rms(slices) <= DEMAND
-    return len(slices) if done else rules.MOST_CONTOURS_PLANNED
+def plan_count(planner: rules.Planner, trial: rules.PlannerTrial, max_error: float) -> int:
+    """Contours of a plan if the side is good enough at its end, else the largest number."""
+    slices, stop = rules.run_planner(planner, trial, max_error)
+    is_done = stop is not None and trial.rms(slices) <= max_error
+    return len(slices) if is_done else rules.MOST_CONTOURS_PLANNED
 
 
-def finding(kind: str, found: Mapping[str, Chosen]) -> Row:
-    """Which template is best on objects that did not choose it, with its constants, and the worst.
+def finding(kind: str, chosen: Mapping[str, ChosenRule]) -> Row:
+    """The best template on objects that did not choose its constants, these, and the worst one.
 
     Constants are the rates of curvature and change, smallest and largest step, and the power.
     """
-    ranked = sorted(found.items(), key=lambda item: item[1].judged)
+    ranked = sorted(chosen.items(), key=lambda item: item[1].judged_mean)
     (first, best), (last, worst), rule = ranked[0], ranked[-1], ranked[0][1].rule
     constants = f"{rule.bend_rate:g}, {rule.change_rate:g}, {rule.least:g} to {rule.most:g}"
-    told = f"{first} ({constants}, {rule.power:g}) {best.judged:.1f}"
-    return Row(f"{kind}: finding", f"{told}; worst: {last} {worst.judged:.1f}")
+    shown = f"{first} ({constants}, {rule.power:g}) {best.judged_mean:.1f}"
+    return Row(f"{kind}: finding", f"{shown}; worst: {last} {worst.judged_mean:.1f}")

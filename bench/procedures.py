@@ -1,8 +1,8 @@
-"""All exploratory procedures on the same objects, by the same sensor: what each gives, and costs.
+"""All exploratory procedures on the same objects with the same sensor: results and costs.
 
-A table in Markdown, an object a line: the true error of the solid, root mean square, or what was
-found where there is no solid; touches, contacts of the hand with them; robot time. Beside an error
-stands the object's sampling floor. Places and taxels have noise unless the object is tried without.
+A table in Markdown with a line for each object: the true root mean square error of the solid, or
+the finding of a procedure without a solid; touches, including contacts of the hand; robot time. The
+second column is the sampling floor of the errors. Poses and taxels have the default noise.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from palpate.bench.harness import NOISY
 from palpate.bench.table import Figure, Row, figure_of
 from palpate.core.geometry import close_rings, compare_surfaces, prepare_surface
 from palpate.core.splines import coons_surface
@@ -35,19 +36,15 @@ OBJECTS = (
 )
 QUICK_OBJECTS = ("block", "cone")
 SLICES, COONS = "slices", "coons"  # The exploration in slices, and Coons patches over its contours
-# A place that is off by 0.1 mm along each axis, taxels by 10 um.
-NOISE = [{"pose_error": {"sigma": 1e-4}}, {"gaussian_noise": {"sigma": 1e-5}}]
-MERIDIANS = 48
-MOST_TOUCHES = 400  # Of an exploration in slices
 
 
 class Cell(NamedTuple):
-    """What one procedure came to on one object."""
+    """Result of one procedure on one object."""
 
     text: str
-    error: float | None  # Root mean square, m; None without a solid
+    error: float | None  # Root mean square [m]; None without a solid
     touches: int
-    seconds: float  # Of robot time
+    robot_time: float  # [s]
 
 
 def procedure_rows(quick: bool) -> Iterator[Row | str]:
@@ -61,7 +58,7 @@ def procedure_rows(quick: bool) -> Iterator[Row | str]:
             for name in PROCEDURES:
                 cells[name] = _performed(scene, name, Path(folder) / name)
         texts = " | ".join(cells[name].text for name in names)
-        numbers = tuple(one for name in names for one in _figures(name, cells[name]))
+        numbers = tuple(number for name in names for number in _figures(name, cells[name]))
         line = f"| {scene} | {1e3 * floor:.3f} | {texts} |"
         yield Row(scene, texts, numbers=numbers, text=line)
 
@@ -70,66 +67,66 @@ def _figures(name: str, cell: Cell) -> Iterator[Figure]:
     if cell.error is not None:
         yield figure_of(1e3 * cell.error, "mm", name=f"{name} rms")
     yield figure_of(cell.touches, name=f"{name} touches")
-    yield figure_of(cell.seconds, "s", kind="error", name=f"{name} robot time")
+    yield figure_of(cell.robot_time, "s", kind="error", name=f"{name} robot time")
 
 
-def _explored(scene: str, out: Path) -> tuple[dict[str, Cell], float]:
-    """The exploration in slices, Coons patches over what it traced, and the sampling floor, m."""
-    run = _run(EXPLORE, scene, out, {"planner.most_touches": MOST_TOUCHES})
+def _explored(scene: str, out: Path, max_touches: int = 400) -> tuple[dict[str, Cell], float]:
+    """The exploration in slices, Coons patches over its contours, and the sampling floor [m]."""
+    run = _run(EXPLORE, scene, out, {"planner.most_touches": max_touches})
     summary = run.summary
-    spent = int(summary["touches"]), float(summary["robot_time_s"])
-    cells = {SLICES: _cell(summary["rms_m"], *spent)}
+    costs = int(summary["touches"]), float(summary["robot_time_s"])
+    cells = {SLICES: _cell(summary["rms_m"], *costs)}
     error = _coons_error(out / RECORDING)
-    cells[COONS] = _cell(error, *spent, "no patches")
+    cells[COONS] = _cell(error, *costs, "no patches")
     return cells, float(summary["sampling_floor_m"])
 
 
 def _performed(scene: str, name: str, out: Path) -> Cell:
     run = _run(find_launch_file(Path(name)), scene, out)
-    summary, told = run.summary, run.summary["procedure"]
-    spent = int(summary["touches"]) + int(summary["contacts"]), float(summary["robot_time_s"])
-    return _cell(summary["rms_m"], *spent, _without_solid(told))
+    summary, result = run.summary, run.summary["procedure"]
+    costs = int(summary["touches"]) + int(summary["contacts"]), float(summary["robot_time_s"])
+    return _cell(summary["rms_m"], *costs, _without_solid(result))
 
 
-def _without_solid(told: dict[str, Any]) -> str:
-    """What was found where there is no solid, in a few words."""
-    if told["status"] != "done":
-        return str(told["status"])
-    if "apex_error_m" in told:
-        return f"axis ±{told['axis_error_deg']:.2f}°, apex ±{1e3 * told['apex_error_m']:.1f} mm"
+def _without_solid(result: dict[str, Any]) -> str:
+    """The finding of a procedure without a solid, in a few words."""
+    if result["status"] != "done":
+        return str(result["status"])
+    if "apex_error_m" in result:
+        return f"axis ±{result['axis_error_deg']:.2f}°, apex ±{1e3 * result['apex_error_m']:.1f} mm"
     words = {"holes": "hole", "cavities": "cavity", "open_ends": "open end"}
-    found = {key: int(told[key]) for key in words if told.get(key)}
-    every = (counted(n, words[key], key.replace("_", " ")) for key, n in found.items())
-    return ", ".join(every) or "no opening"
+    counts = {key: int(result[key]) for key in words if result.get(key)}
+    openings = (counted(n, words[key], key.replace("_", " ")) for key, n in counts.items())
+    return ", ".join(openings) or "no opening"
 
 
-def _cell(error: float | None, touches: int, seconds: float, otherwise: str = "no solid") -> Cell:
-    found = otherwise if error is None else f"{1e3 * error:.3f} mm"
-    return Cell(f"{found}; {touches}; {seconds:.0f} s", error, touches, seconds)
+def _cell(error: float | None, touches: int, robot_time: float, finding: str = "no solid") -> Cell:
+    result = finding if error is None else f"{1e3 * error:.3f} mm"
+    return Cell(f"{result}; {touches}; {robot_time:.0f} s", error, touches, robot_time)
 
 
 def _run(file: Path, scene: str, out: Path, settings: Mapping[str, Any] = {}) -> Run:
     args = {
         "scene": SourceMapped(str(find_scene(scene)), "scene"),
-        "scene.effects": SourceMapped(NOISE, "noise"),
+        "scene.effects": SourceMapped(list(NOISY), "noise"),
     }
-    given = {name: SourceMapped(value, name) for name, value in settings.items()}
-    plan = plan_run(file, args, given, name=scene, out=out)
+    overrides = {name: SourceMapped(value, name) for name, value in settings.items()}
+    plan = plan_run(file, args, overrides, name=scene, out=out)
     return perform(plan, composed=True, display=Display())
 
 
-def _coons_error(recording: Path) -> float | None:
-    """Root mean square distance of Coons patches over the traced contours, m; None without."""
+def _coons_error(recording: Path, n_meridians: int = 48) -> float | None:
+    """Root mean square error [m] of Coons patches over traced contours; None if there are none."""
     kept: dict[str, list[Any]] = {Contour.__name__: [], Truth.__name__: []}
     for message in open_recording(recording).messages():
         if message.type in kept:
             kept[message.type].append(decode(TYPES[message.type], message.body))
-    traced = [one for one in kept[Contour.__name__] if one.status == "closed"]
+    traced = [contour for contour in kept[Contour.__name__] if contour.status == "closed"]
     if len(traced) < 2:
         return None
-    traced.sort(key=lambda one: one.height)
-    surface = coons_surface([one.points for one in traced], MERIDIANS)
-    ends = [one.mean(axis=0) for one in (surface[0], surface[-1])]
+    traced.sort(key=lambda contour: contour.height)
+    surface = coons_surface([contour.points for contour in traced], n_meridians)
+    ends = [ring.mean(axis=0) for ring in (surface[0], surface[-1])]
     vertices, faces = close_rings(ends[0], surface, ends[1])
     (true,) = kept[Truth.__name__]
     truth = prepare_surface(true.vertices, true.faces)

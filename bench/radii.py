@@ -1,4 +1,4 @@
-"""Radii of objects that no planner was tuned on: twenty by name, and any number by chance."""
+"""Radii of objects on which no planner was tuned: twenty with names, and random ones."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from palpate.core.explore.planners import Radius
 
 
 def _ball(z: Floats, power: float = 1.0) -> Floats:
-    """1 in the middle, 0 at both ends: of a superellipse."""
+    """Outline of a superellipse: 1 in the middle, 0 at both ends."""
     away = np.abs(2.0 * z - 1.0)
     return np.asarray(np.maximum(1.0 - away ** (2.0 / power), 1e-9) ** (power / 2.0))
 
 
 def _rise(z: Floats, at: float, width: float) -> Floats:
-    """From 0 to 1 around a height."""
+    """A smooth step from 0 to 1 at a height."""
     return np.asarray(0.5 * (1.0 + np.tanh((z - at) / width)))
 
 
@@ -65,14 +65,18 @@ KINDS = ("round", "round necked", "round wavy", "straight necked", "straight ste
 
 
 def drawn_objects(count: int, seed: int) -> Mapping[str, Radius]:
-    """Objects by chance: round or straight, plain, lobed, twisted, necked, stepped or wavy."""
+    """Random objects: round or straight, plain, lobed, twisted, necked, stepped or wavy."""
     rng = np.random.default_rng(seed)
     return {f"drawn {i}": _drawn(rng) for i in range(count)}
 
 
 def _drawn(rng: np.random.Generator) -> Radius:
     kind = KINDS[rng.integers(len(KINDS))]
-    power, wide, taper = rng.uniform(0.3, 1.0), rng.uniform(0.22, 0.4), rng.uniform(-0.3, 0.3)
+    power, width_share, taper = (
+        rng.uniform(0.3, 1.0),
+        rng.uniform(0.22, 0.4),
+        rng.uniform(-0.3, 0.3),
+    )
     lobes, phase = rng.integers(2, 6), rng.uniform(0.0, 6.0)
     lobe = rng.uniform(0.0, 0.08) * (rng.random() < 0.5)
     twist = rng.uniform(0.0, 4.0) * (rng.random() < 0.4)
@@ -81,15 +85,15 @@ def _drawn(rng: np.random.Generator) -> Radius:
 
     def radius(z: Floats, t: Floats) -> Floats:
         around = 1.0 + lobe * np.cos(lobes * t + phase - twist * z)
-        found = wide * (1.0 + taper * (z - 0.5)) * around
+        radii = width_share * (1.0 + taper * (z - 0.5)) * around
         if kind.startswith("round"):
-            found = found * _ball(z, power)
+            radii = radii * _ball(z, power)
         if kind.endswith("necked"):
-            found = found * (1.0 + depth * _bump(z, at, width))
+            radii = radii * (1.0 + depth * _bump(z, at, width))
         if kind.endswith("wavy"):
-            found = found * (1.0 + 0.6 * abs(depth) * np.sin(pace * z + phase))
+            radii = radii * (1.0 + 0.6 * abs(depth) * np.sin(pace * z + phase))
         if kind.endswith("stepped"):
-            found = found * (0.65 + 0.35 * _rise(z, at, side * max(0.6 * width, 0.04)))
-        return np.asarray(found)
+            radii = radii * (0.65 + 0.35 * _rise(z, at, side * max(0.6 * width, 0.04)))
+        return np.asarray(radii)
 
     return radius

@@ -1,8 +1,8 @@
-"""What benches measured, in a file; and what moved between two such files beyond noise.
+"""Results of benches in a file, and the figures that changed between two such files.
 
-A figure has moved if the ranges of its repeats do not meet. Where it was measured once, a rule
-stands for them: counts are exact, times move by 10 %, anything else by 2 %, and what is known as
-printed also by half of its last digit. Times of other or busy machines are not compared.
+A figure has changed if the ranges of its repeats do not overlap. For a figure measured once a rule
+replaces them: counts are exact, times vary by 10 %, anything else by 2 %, and a figure that is only
+printed also by half of its last digit. Times of different or busy machines are not compared.
 """
 
 from __future__ import annotations
@@ -26,31 +26,45 @@ from palpate.launch.files.file_access import read_bounded, write_atomically
 from palpate.launch.files.source_map import InputError
 
 FORM, VERSION = "palpate bench", 1
-MOST_BYTES = 64 * 2**20
-NOISE: Mapping[Kind, float] = {"time": 0.10, "count": 0.0, "error": 0.02}  # Shares of the value
-NEGLIGIBLE = 1e-12  # In any unit: what is less comes of rounding
-BUSY = 0.75  # Load for each core from which times are doubtful
+MAX_BYTES = 64 * 2**20  # Of a file
 SMALLER_IS_BETTER = ("s", "ms", "us", "ns", "m", "mm", "um", "deg", "% of height")
 Verdict = Literal["worse", "better", "moved"]
-Kept = TypeVar("Kept")
+Content = TypeVar("Content")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ComparisonSettings:
+    """When a figure has changed."""
+
+    time_noise: float = 0.10  # [fraction of the value] of a time measured once
+    error_noise: float = 0.02  # [fraction of the value] of any other size measured once
+    min_change: float = 1e-12  # in any unit: smaller changes are rounding
+    max_load: float = 0.75  # of a core, above which times are not compared
+
+    def noise_of(self, kind: Kind) -> float:
+        """Noise as a fraction of the value of a figure measured once; counts are exact."""
+        return {"time": self.time_noise, "count": 0.0, "error": self.error_noise}[kind]
+
+
+DEFAULT_COMPARISON = ComparisonSettings()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Results:
-    """What one call of ``palpate bench`` measured."""
+    """Results of one call of ``palpate bench``."""
 
     form: str
     version: int
     palpate: str
-    date: str  # As it began, ISO 8601
+    date: str  # Of its start, ISO 8601
     quick: bool
-    machine: Mapping[str, Any]  # As `this_machine` tells it
+    machine: Mapping[str, Any]  # As `this_machine` returns it
     lines: tuple[Measured, ...] = ()
-    failed: Mapping[str, str] = field(default_factory=dict)  # Why, by group
+    failed: Mapping[str, str] = field(default_factory=dict)  # Reason, by group
 
 
 class ResultsFile:
-    """Results as they come in, written anew after each group if there is a place for them."""
+    """Collects results; rewrites their file after each group, if there is a path."""
 
     def __init__(self, path: Path | None, *, quick: bool) -> None:
         self._path = path
@@ -64,7 +78,7 @@ class ResultsFile:
         )
 
     def add(self, group: str, lines: Sequence[Measured], failure: str) -> None:
-        """Keep what a group measured, and why it failed or nothing."""
+        """Add the rows of a group, and the reason of its failure or an empty string."""
         failed = {**self.results.failed, **({group: failure} if failure else {})}
         self.results = replace(self.results, lines=(*self.results.lines, *lines), failed=failed)
         if self._path is not None:
@@ -72,36 +86,37 @@ class ResultsFile:
 
 
 def this_machine() -> dict[str, Any]:
-    """The machine that this runs on, what it calculates with, and how busy it is."""
-    import numpy as np  # noqa: F401  # whose library of linear algebra is looked for
+    """Describe this machine, its numerical libraries, and its load."""
+    import numpy as np  # noqa: F401  # so that its library of linear algebra is loaded
     from threadpoolctl import threadpool_info
 
-    found = (one for one in threadpool_info() if one["user_api"] == "blas")
+    libraries = (library for library in threadpool_info() if library["user_api"] == "blas")
+    blas = {f"{library['internal_api']} {library['version']}" for library in libraries}
     return {
         "cpu": _cpu(),
         "cores": os.cpu_count() or 1,
         "python": platform.python_version(),
         "numpy": version("numpy"),
         "scipy": version("scipy"),
-        "blas": ", ".join(sorted({f"{one['internal_api']} {one['version']}" for one in found})),
-        "load": round(os.getloadavg()[0], 2),  # Processes that wanted to run, in the last minute
+        "blas": ", ".join(sorted(blas)),
+        "load": round(os.getloadavg()[0], 2),  # Processes ready to run, mean over the last minute
     }
 
 
 def _cpu() -> str:
-    with suppress(OSError, StopIteration):  # not of Linux
+    with suppress(OSError, StopIteration):  # other systems than Linux
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
         return next(x.partition(":")[2].strip() for x in lines if x.startswith("model name"))
     return platform.processor() or platform.machine()
 
 
 def read_results(path: Path, *, quick: bool) -> Results:
-    """Earlier results to compare with; raises InputError if they are none, or of another kind."""
-    found = read_form(path, FORM, VERSION, Results)
-    if found.quick != quick:
-        how = "with --quick" if found.quick else "without --quick"
+    """Read results; raises InputError if the file holds none, or `quick` differs."""
+    results = read_form(path, FORM, VERSION, Results)
+    if results.quick != quick:
+        how = "with --quick" if results.quick else "without --quick"
         raise InputError(f"{path}: was measured {how}; measure as it was to compare")
-    return found
+    return results
 
 
 def write_form(path: Path, content: object) -> None:
@@ -110,9 +125,9 @@ def write_form(path: Path, content: object) -> None:
     write_atomically({path: lambda part: part.write_bytes(text)})
 
 
-def read_form(path: Path, form: str, version: int, kind: type[Kept]) -> Kept:
-    """What a JSON file keeps; raises InputError if it is of another form or version."""
-    data = read_bounded(path, MOST_BYTES, "the results ")
+def read_form(path: Path, form: str, version: int, kind: type[Content]) -> Content:
+    """Content of a JSON file; raises InputError if it has another form or version."""
+    data = read_bounded(path, MAX_BYTES, "the results ")
     try:
         head = msgspec.json.decode(data)
         if not isinstance(head, dict) or head.get("form") != form:
@@ -127,11 +142,11 @@ def read_form(path: Path, form: str, version: int, kind: type[Kept]) -> Kept:
         raise InputError(f"{path}: holds no results of {form}: {error}") from None
 
 
-class Move(NamedTuple):
+class Change(NamedTuple):
     """A figure that differs by more than noise."""
 
     verdict: Verdict
-    line: Measured  # As it is now
+    line: Measured  # Of the new results
     old: Figure
     new: Figure
 
@@ -139,33 +154,35 @@ class Move(NamedTuple):
         old, new = self.old, self.new
         name = ", ".join(filter(None, (self.line.name, new.name)))
         then, now = (
-            f"{'not finite' if one.value is None else f'{one.value:.6g}'} {one.unit}".rstrip()
-            for one in (old, new)
+            f"{'not finite' if side.value is None else f'{side.value:.6g}'} {side.unit}".rstrip()
+            for side in (old, new)
         )
-        told = f"{self.verdict:<7} {self.line.group}: {name}: {then} -> {now}"
+        text = f"{self.verdict:<7} {self.line.group}: {name}: {then} -> {now}"
         if old.value and new.value is not None:
-            told += f" ({new.value / old.value - 1.0:+.1%})"
-        return told if self.line.holds else f"{told}  MISSED"
+            text += f" ({new.value / old.value - 1.0:+.1%})"
+        return text if self.line.holds else f"{text}  MISSED"
 
 
-def compare_results(old: Results, new: Results) -> tuple[list[Move], dict[str, int]]:
-    """What moved beyond noise in the groups that were measured now, and how much did what."""
+def compare_results(
+    old: Results, new: Results, settings: ComparisonSettings = DEFAULT_COMPARISON
+) -> tuple[list[Change], dict[str, int]]:
+    """Changes beyond noise in the groups of the new results, worse ones first, and counts."""
     groups = {line.group for line in new.lines}
     before, now = _by_name(line for line in old.lines if line.group in groups), _by_name(new.lines)
-    moves, skipped = list[Move](), 0
-    mine, theirs = new.machine, old.machine
-    timed = all(mine[key] == theirs[key] for key in ("cpu", "cores"))
-    timed = timed and max(mine["load"], theirs["load"]) <= BUSY * mine["cores"]
+    changes, skipped = list[Change](), 0
+    machine, earlier = new.machine, old.machine
+    is_same = all(machine[key] == earlier[key] for key in ("cpu", "cores"))
+    is_idle = max(machine["load"], earlier["load"]) <= settings.max_load * machine["cores"]
     for key in before.keys() & now.keys():
         (_, first), (line, second) = before[key], now[key]
-        if not timed and "time" in (first.kind, second.kind):
+        if not (is_same and is_idle) and "time" in (first.kind, second.kind):
             skipped += 1
-        elif has_moved(first, second):
-            moves.append(Move(_verdict(line, first, second), line, first, second))
-    moves.sort(key=lambda one: (one.verdict != "worse", one.verdict, one.line.group, one.line.name))
-    return moves, {
-        "moved beyond noise": len(moves),
-        "did not": len(before.keys() & now.keys()) - len(moves) - skipped,
+        elif has_changed(first, second, settings):
+            changes.append(Change(_verdict(line, first, second), line, first, second))
+    changes.sort(key=lambda c: (c.verdict != "worse", c.verdict, c.line.group, c.line.name))
+    return changes, {
+        "moved beyond noise": len(changes),
+        "did not": len(before.keys() & now.keys()) - len(changes) - skipped,
         "are new": len(now.keys() - before.keys()),
         "are gone": len(before.keys() - now.keys()),
         "are times of another or of a busy machine, not compared": skipped,
@@ -173,28 +190,30 @@ def compare_results(old: Results, new: Results) -> tuple[list[Move], dict[str, i
 
 
 def _by_name(lines: Iterable[Measured]) -> dict[tuple[str, str, int, int], tuple[Measured, Figure]]:
-    """Figures by group, name, how often the name came before, and place in the line."""
-    turns, found = Counter[tuple[str, str]](), {}
+    """Figures by group, name, number of earlier rows of that name, and index in the row."""
+    repeats, figures = Counter[tuple[str, str]](), {}
     for line in lines:
-        turn = turns[line.group, line.name]
-        turns[line.group, line.name] += 1
-        for place, one in enumerate(line.figures):
-            found[line.group, line.name, turn, place] = line, one
-    return found
+        repeat = repeats[line.group, line.name]
+        repeats[line.group, line.name] += 1
+        for i, figure in enumerate(line.figures):
+            figures[line.group, line.name, repeat, i] = line, figure
+    return figures
 
 
-def has_moved(old: Figure, new: Figure) -> bool:
+def has_changed(
+    old: Figure, new: Figure, settings: ComparisonSettings = DEFAULT_COMPARISON
+) -> bool:
     """Whether a figure differs by more than noise."""
     if old.value is None or new.value is None or old.unit != new.unit:
         return (old.value, old.unit) != (new.value, new.unit)
-    noise = old.spread + new.spread + NEGLIGIBLE
+    noise = old.spread + new.spread + settings.min_change
     if not (old.repeated and new.repeated):
-        noise += NOISE[new.kind] * max(abs(old.value), abs(new.value))
+        noise += settings.noise_of(new.kind) * max(abs(old.value), abs(new.value))
     return abs(new.value - old.value) > noise
 
 
 def _verdict(line: Measured, old: Figure, new: Figure) -> Verdict:
-    """Better or worse where the demand, or else the unit, tells which way is which."""
+    """Better or worse, if the demand or else the unit says which; otherwise moved."""
     if old.value is None or new.value is None or old.unit != new.unit:
         return "moved"
     smaller = line.target.startswith("<") or new.unit in SMALLER_IS_BETTER
@@ -204,10 +223,10 @@ def _verdict(line: Measured, old: Figure, new: Figure) -> Verdict:
 
 
 def comparison_lines(old: Results, new: Results, where: Path) -> Iterator[str]:
-    """What moved, worse first, and how much did not."""
-    moves, counts = compare_results(old, new)
+    """Changes, worse ones first, and counts."""
+    changes, counts = compare_results(old, new)
     machine, now = old.machine, new.machine
-    told = f"{machine['cpu']}, a load of {machine['load']} then and {now['load']} now"
-    yield f"compared with {where}: palpate {old.palpate}, {old.date}, {told}"
-    yield from map(str, moves)
+    loads = f"{machine['cpu']}, a load of {machine['load']} then and {now['load']} now"
+    yield f"compared with {where}: palpate {old.palpate}, {old.date}, {loads}"
+    yield from map(str, changes)
     yield "figures: " + ", ".join(f"{count} {what}" for what, count in counts.items() if count)

@@ -1,4 +1,4 @@
-"""``palpate bench``: every measurement by its name. The verb is found by name."""
+"""``palpate bench``: every measurement by its name."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ COSTS = ("touches", "robot", "compute")
 
 
 class Bench(NamedTuple):
-    """What ``palpate bench`` measures by one name."""
+    """A measurement of ``palpate bench``."""
 
     shows: str  # For the list and the help
     # ``module:function`` by name, within palpate.bench; each module is imported at its turn.
     groups: Mapping[str, str]
-    options: Mapping[str, Sequence[str]] = {}  # Which groups take which options
-    in_all: bool = True  # Whether `all` includes it: false for what takes hours or needs files
+    options: Mapping[str, Sequence[str]] = {}  # Of each group that takes any
+    in_all: bool = True  # Whether `all` includes it; false if it takes hours or needs files
 
 
 BENCHES: Mapping[str, Bench] = {
@@ -39,13 +39,13 @@ BENCHES: Mapping[str, Bench] = {
         in_all=False,
     ),
     "real": Bench(
-        "meshes, or drawn thin things, explored with noise: errors, bounds, coverage, pictures",
+        "meshes, or drawn thin objects, explored with noise: errors, bounds, coverage, pictures",
         {"meshes": "real:real_rows"},
         {"meshes": ("sheet", "meshes")},
         in_all=False,
     ),
     "thesis": Bench(
-        "the thesis against today: curvature, its two examples, recordings, and both systems",
+        "the thesis and palpate: curvature, two examples, recordings, and both systems",
         {
             "curvature": "curvature:curvature_rows",
             "examples": "thesis:thesis_rows",
@@ -60,7 +60,7 @@ BENCHES: Mapping[str, Bench] = {
         {"peers": ("sheet",)},
     ),
     "planners": Bench(
-        "contours that each planner needs, step templates, and whether a tolerance decides",
+        "contours that each planner needs, step templates, and tolerances against results",
         {
             "planners": "planners:planner_rows",
             "templates": "planners:template_rows",
@@ -72,15 +72,15 @@ BENCHES: Mapping[str, Bench] = {
         {"procedures": "procedures:procedure_rows"},
     ),
     "recognition": Bench(
-        "stored and other objects in any pose, with noise: which they are taken for",
+        "recognition of stored and of other objects in any pose, with noise",
         {"recognition": "recognition:recognition_rows"},
     ),
     "ablation": Bench(
-        "what each part is worth: error and cost without it over those with it",
+        "each part of palpate: error and cost without it over those with it",
         {"parts": "ablation:part_rows", "taxels": "ablation:taxel_rows"},
     ),
     "effects": Bench(
-        "what each effect of a scene costs, and does to the error of a contour",
+        "each effect of a scene: its cost, and the error of a contour with it",
         {"effects": "effects:effect_rows"},
     ),
     "growth": Bench(
@@ -101,17 +101,17 @@ BENCHES: Mapping[str, Bench] = {
     ),
 }
 ALL = "all"
-BENCH_HELP = """Measure what palpate is worth and what it costs, here and now.
+BENCH_HELP = """Measure the accuracy and the speed of palpate on this machine.
 
 NAME is one of these, or `all` for all of them but accuracy and real, which take hours:
 
 \b
 {benches}
 
-The exit code is 0 if everything was measured. A demand that is not met is printed with MISSED;
-with --strict it makes the exit code 1, as a group that fails always does. --compare says which
-figures moved by more than their repeats differ; of figures that were measured once, counts by
-anything, times by 10 %, and others by 2 %.
+The exit code is 0 if all groups were measured, else 1. A demand that is not met is printed with
+MISSED; with --strict it makes the exit code 1. --compare lists the figures that changed by more
+than the range of their repeats; of figures measured once, counts that changed, times that changed
+by more than 10 %, and others by more than 2 %.
 """
 
 
@@ -128,7 +128,9 @@ def bench_lines() -> Iterator[str]:
 @click.option("--only", metavar="GROUP", help="One group of figures.")
 @JSON
 @out_option("Write the results here, as JSON.", type=RESULTS)
-@click.option("--compare", metavar="OLD", type=RESULTS, help="Say what moved since these results.")
+@click.option(
+    "--compare", metavar="OLD", type=RESULTS, help="List what changed since these results."
+)
 @click.option("--strict", is_flag=True, help="Exit with 1 if a demand is missed.")
 @click.option("--against", type=FOLDER, metavar="DIR", help="speed: an older checkout, in turns.")
 @click.option("--sheet", type=FOLDER, metavar="DIR", help="Folder for runs and pictures.")
@@ -148,7 +150,7 @@ def bench_command(
     strict: bool,
     **options: Any,
 ) -> int:
-    """Measure one thing or all; the help says which there are."""
+    """Measure one bench or all."""
     if listed or name is None:
         for line in bench_lines():
             click.echo(line)
@@ -170,25 +172,25 @@ def bench_command(
 def chosen_groups(
     name: str, only: str | None, options: Mapping[str, Any]
 ) -> Mapping[str, str | Group]:
-    """Groups as ``bench/group``, each with its place, or with what measures it with options.
+    """Groups by ``bench/group``: ``module:function``, or a call of that with its options.
 
-    Raises InputError for a name, group or option that there is not.
+    Raises InputError for an unknown name, group or option.
     """
     if name not in (*BENCHES, ALL):
         raise InputError(f"there is no bench {name!r}; {hint(name, [*BENCHES, ALL])}")
-    names = [one for one, bench in BENCHES.items() if bench.in_all] if name == ALL else [name]
-    known = [group for one in names for group in BENCHES[one].groups]
+    names = [key for key, bench in BENCHES.items() if bench.in_all] if name == ALL else [name]
+    known = [group for key in names for group in BENCHES[key].groups]
     if only is not None and only not in known:
         raise InputError(f"--only {only}: there is no such group; there are {', '.join(known)}")
     groups: dict[str, str | Group] = {}
     taken: set[str] = set()
-    for one in names:
-        for group, place in BENCHES[one].groups.items():
+    for key in names:
+        for group, place in BENCHES[key].groups.items():
             if only not in (None, group):
                 continue
             full = f"palpate.bench.{place}"
-            own = {k: options[k] for k in BENCHES[one].options.get(group, ()) if k in options}
-            groups[f"{one}/{group}"] = partial(named(full), **own) if own else full
+            own = {k: options[k] for k in BENCHES[key].options.get(group, ()) if k in options}
+            groups[f"{key}/{group}"] = partial(named(full), **own) if own else full
             taken |= own.keys()
     if unused := sorted(options.keys() - taken):
         raise InputError(f"--{unused[0]}: nothing that is measured here takes it")

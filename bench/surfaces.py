@@ -1,12 +1,10 @@
-"""Touches whose truth is known.
-
-Random surfaces of each verdict, and walks over quadrics whose curvatures are fused.
-"""
+"""Touches with known truth: random surfaces of each kind, and walks over quadrics."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -15,21 +13,39 @@ from palpate.core import touch
 from palpate.core.arrays import Bools, Floats
 
 MM = 1e-3
-CONTACT = 50e-6  # Least compression that counts as touched, m, and in deviations of the noise
-CONTACT_SPREADS = 5.0
-COUNTS_FROM = 8  # Touched taxels from which a face counts
-LEAST_TAXELS = 12  # Touched taxels below which a touch tells nothing of curvature
-# In pitches: a face whose taxels scatter less than this across their longest direction is a line of
-# taxels, and no plane can be told from it.
-THINNEST = 0.4
-# Height over the pad and number of the face at places x, y.
+# From points x, y to the height over the pad and the number of the face.
 PadSurface = Callable[[Floats, Floats], tuple[Floats, Floats]]
 Vector = tuple[float, float, float]
 WALKED_PAD = touch.Pad(rows=16, cols=16, pitch=1e-3, thickness=3e-3, dome=0.0, saturation=0.8)
-DEPTH = 1.5e-3
-STEP = 3e-3  # Way between two touches, m: four fifths of the pad overlap
-TOUCHES = 12
-TILT = 0.05  # Spread of the pad's lean from the surface, rad
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class KindSettings:
+    """When taxels count as touched, and which kind a touch has."""
+
+    min_compression: float = 50e-6  # [m] of a touched taxel
+    min_compression_sigmas: float = 5.0  # the same in standard deviations of the noise
+    min_face_taxels: int = 8  # of a face that counts
+    min_taxels: int = 12  # of a touch from which curvature can be estimated
+    # [pitch] root mean square spread of a face's taxels across their longest direction; the taxels
+    # of a narrower face lie on a line and do not determine a plane.
+    min_face_width: float = 0.4
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WalkSettings:
+    """A walk over a quadric."""
+
+    n_touches: int = 12
+    step: float = 3e-3  # [m] between touches: four fifths of the pad overlap
+    depth: float = 1.5e-3  # [m] of a touch
+    min_compression: float = 50e-6  # [m] of a touched taxel
+    tilt: float = 0.05  # [rad] standard deviation of the pad's tilt from the surface
+    first_compared: int = 3  # index of the first touch whose fused curvature is compared
+
+
+DEFAULT_KINDS = KindSettings()
+DEFAULT_WALK = WalkSettings()
 
 
 class KnownTouch(NamedTuple):
@@ -37,16 +53,18 @@ class KnownTouch(NamedTuple):
 
     kind: touch.PatchKind
     pad: touch.Pad
-    height: Floats  # Surface over the plane of the pad's face, (rows, cols), m
+    height: Floats  # Surface over the plane of the pad's face (rows, cols) [m]
     touched: Bools  # (rows, cols)
-    noise: float  # Standard deviation of one taxel, m
+    noise: float  # Standard deviation of a taxel [m]
 
 
-def draw_touch(rng: np.random.Generator, name: str) -> KnownTouch | None:
-    """One random touch of a kind by its name in `SURFACES`; None if it is a borderline case.
+def draw_touch(
+    rng: np.random.Generator, name: str, settings: KindSettings = DEFAULT_KINDS
+) -> KnownTouch | None:
+    """One random touch of a surface by its name in `SURFACES`; None for a borderline case.
 
-    A face counts if it owns 8 touched taxels that are not all on a line; where one owns fewer, but
-    some, nobody can say whether it should be touched. Fewer than 12 taxels are insufficient.
+    By default a face counts if it has 8 touched taxels that are not on a line; a face with fewer,
+    but some, makes a borderline case. Fewer than 12 touched taxels are insufficient.
     """
     dome = 0.0 if rng.random() < 0.5 else 1.0 / rng.uniform(12 * MM, 25 * MM)
     pad = touch.Pad(rows=16, cols=16, pitch=MM, thickness=3 * MM, dome=dome, saturation=0.8)
@@ -60,72 +78,81 @@ def draw_touch(rng: np.random.Generator, name: str) -> KnownTouch | None:
     gap = np.inf if name == "nothing" else float(over.min()) + depth
     compression = np.maximum(gap - over, 0.0) if np.isfinite(gap) else np.zeros_like(over)
     compression = compression + noise * rng.normal(size=over.shape)
-    touched = compression > max(CONTACT, CONTACT_SPREADS * noise)
-    kind = _kind(pad, face, touched)
+    touched = compression > max(settings.min_compression, settings.min_compression_sigmas * noise)
+    kind = _kind(pad, face, touched, settings)
     return kind and KnownTouch(kind, pad, pad.surface(compression, touched), touched, noise)
 
 
-def _kind(pad: touch.Pad, face: Floats, touched: Bools) -> touch.PatchKind | None:
+def _kind(
+    pad: touch.Pad, face: Floats, touched: Bools, settings: KindSettings
+) -> touch.PatchKind | None:
     if not touched.any():
         return "miss"
-    if touched.sum() < LEAST_TAXELS:
+    if touched.sum() < settings.min_taxels:
         return "insufficient"
-    owners = [int(owner) for owner in np.unique(face[touched])]
-    if not all(_counts(pad, touched & (face == owner)) for owner in owners):
+    faces = [int(number) for number in np.unique(face[touched])]
+    if not all(_counts(pad, touched & (face == number), settings) for number in faces):
         return None
     kinds: tuple[touch.PatchKind, ...] = ("smooth", "edge", "corner")
-    return kinds[min(len(owners), len(kinds)) - 1]
+    return kinds[min(len(faces), len(kinds)) - 1]
 
 
-def _counts(pad: touch.Pad, own: Bools) -> bool:
-    if own.sum() < COUNTS_FROM:
+def _counts(pad: touch.Pad, own: Bools, settings: KindSettings) -> bool:
+    """Whether a face with these taxels counts."""
+    if own.sum() < settings.min_face_taxels:
         return False
-    spread = np.column_stack([axis[own] - axis[own].mean() for axis in pad.grid()])
-    spreads = np.linalg.svd(spread, compute_uv=False)
-    return bool(spreads[1] >= THINNEST * pad.pitch * math.sqrt(len(spread)))
+    offsets = np.column_stack([axis[own] - axis[own].mean() for axis in pad.grid()])
+    spreads = np.linalg.svd(offsets, compute_uv=False)
+    return bool(spreads[1] >= settings.min_face_width * pad.pitch * math.sqrt(len(offsets)))
 
 
 class FusionScore(NamedTuple):
     """Errors of the principal curvatures over many walks."""
 
-    single: float  # Root mean square error of one touch, 1/m
-    fused: float  # The same, fused with the touches before it; from the fourth touch on
-    surprise: float  # Mean normalised squared innovation; 3 if the errors are what is claimed
+    single: float  # Root mean square error of one touch [1/m]
+    fused: float  # The same after fusion with the touches before it
+    surprise: float  # Mean normalised squared innovation; 3 if the stated errors are true
 
 
-def score_fusion(name: str, noise: float, walks: int, seed: int = 0) -> FusionScore:
-    """Walk over a surface of `WALKS` several times and compare.
+def score_fusion(
+    name: str, noise: float, n_walks: int, seed: int = 0, settings: WalkSettings = DEFAULT_WALK
+) -> FusionScore:
+    """Errors of single and of fused touches over several walks on one of the `WALKS`.
 
-    `noise`: standard deviation of one taxel, m. `seed`: of noise and leaning.
+    `noise`: standard deviation of a taxel [m]. `seed`: of noise and tilt.
     """
     rng = np.random.default_rng(seed)
     errors, surprises = [], []
-    for _ in range(walks):
+    for _ in range(n_walks):
         fused = None
-        for number, (found, truth) in enumerate(_touches(rng, *WALKS[name], noise)):
-            fused = touch.begin_fusion(found) if fused is None else touch.fuse(fused, found)
-            if number < 3:
+        for number, (local, truth) in enumerate(_touches(rng, *WALKS[name], noise, settings)):
+            fused = touch.begin_fusion(local) if fused is None else touch.fuse(fused, local)
+            if number < settings.first_compared:
                 continue
-            wanted = np.array([truth.k1, truth.k2])
-            alone = touch.principal_curvatures(found.shape)
-            errors.append([np.array(alone[:2]) - wanted, np.array(fused.principal[:2]) - wanted])
+            true = np.array([truth.k1, truth.k2])
+            alone = touch.principal_curvatures(local.shape)
+            errors.append([np.array(alone[:2]) - true, np.array(fused.principal[:2]) - true])
             surprises.append(fused.surprise)
     single, both = np.sqrt(np.mean(np.square(errors), axis=(0, 2)))
     return FusionScore(float(single), float(both), float(np.mean(surprises)))
 
 
 def _touches(
-    rng: np.random.Generator, inverse_squares: Vector, start: Vector, noise: float
+    rng: np.random.Generator,
+    inverse_squares: Vector,
+    start: Vector,
+    noise: float,
+    settings: WalkSettings,
 ) -> Iterator[tuple[touch.LocalCurvature, touch.PrincipalCurvatures]]:
-    """Touches along a walk, and the true curvature at the place of each."""
+    """Touches along a walk, and the true curvature at each."""
     matrix = np.diag(inverse_squares)
     point = np.array(start) / math.sqrt(float(np.array(start) @ matrix @ start))
-    for _ in range(TOUCHES):
-        axes = _leaning(rng, -matrix @ point)
+    for _ in range(settings.n_touches):
+        axes = _tilted_axes(rng, -matrix @ point, settings.tilt)
         height = _height(matrix, point, axes)
-        advance = float(height.min()) + DEPTH
+        advance = float(height.min()) + settings.depth
         compression = advance - height
-        touched = compression > 50e-6
+        touched = compression > settings.min_compression
         compression = compression + noise * rng.normal(size=height.shape)
         surface = np.where(touched, -compression, 0.0)
         patch = touch.fit_patch(WALKED_PAD, surface, touched, axes[:, 0], noise)
@@ -135,36 +162,36 @@ def _touches(
             place = point + axes @ (patch.place + np.array([0.0, 0.0, advance]))
             yield touch.LocalCurvature(place, shape, patch.shape_covariance), _truth(matrix, place)
         along = np.cross([0.0, 0.0, 1.0], matrix @ point)
-        point = point + STEP * along / np.linalg.norm(along)
+        point = point + settings.step * along / np.linalg.norm(along)
         point = point / math.sqrt(float(point @ matrix @ point))
 
 
-def _leaning(rng: np.random.Generator, into: Floats) -> Floats:
-    """Axes of a pad, as columns, that leans a little from the surface and is turned anyhow."""
-    into = _unit(_unit(into) + TILT * rng.normal(size=3))
+def _tilted_axes(rng: np.random.Generator, into: Floats, tilt: float) -> Floats:
+    """Axes (columns) of a pad with a random tilt from the surface and a random rotation."""
+    into = _unit(_unit(into) + tilt * rng.normal(size=3))
     x = _unit(np.cross(into, rng.normal(size=3)))
     return np.column_stack([x, np.cross(into, x), into])
 
 
-def _unit(way: Floats) -> Floats:
-    return np.asarray(way / np.linalg.norm(way))
+def _unit(vector: Floats) -> Floats:
+    return np.asarray(vector / np.linalg.norm(vector))
 
 
 def _height(matrix: Floats, point: Floats, axes: Floats) -> Floats:
-    """The surface over a pad's plane through a point, (rows, cols), m."""
+    """Height of the surface over a pad's plane through a point, (rows, cols) [m]."""
     x, y = WALKED_PAD.grid()
     place = point + x[..., None] * axes[:, 0] + y[..., None] * axes[:, 1]
     into = axes[:, 2]
     a = float(into @ matrix @ into)
     b = place @ matrix @ into
     c = np.einsum("rci,ij,rcj->rc", place, matrix, place) - 1.0
-    # The root that is small where c is: it is the near side, and the only one on a cylinder.
+    # This form of the root is on the near side, and finite also where a is 0 (cylinders).
     height: Floats = c / (-b + np.sqrt(np.maximum(b * b - a * c, 0.0)))
     return height
 
 
 def _truth(matrix: Floats, place: Floats) -> touch.PrincipalCurvatures:
-    """Principal curvatures of the quadric nearest to a place."""
+    """Principal curvatures of the quadric at a place on it or near it."""
     gradient = matrix @ place
     size = float(np.linalg.norm(gradient))
     normal = gradient / size
@@ -175,7 +202,7 @@ def _truth(matrix: Floats, place: Floats) -> touch.PrincipalCurvatures:
 
 
 def _quadric(matrix: Floats, top: Floats) -> PadSurface:
-    """The near side of p' matrix p = 1, moved so that `top` (2,) is the pad's middle."""
+    """The near side of p' matrix p = 1, moved so that `top` (2,) is the centre of the pad."""
 
     def surface(x: Floats, y: Floats) -> tuple[Floats, Floats]:
         across = np.stack([x - top[0], y - top[1]])
@@ -232,10 +259,10 @@ def _edge(rng: np.random.Generator, convex: float, rounding: float) -> PadSurfac
 
 
 def _corner(rng: np.random.Generator, convex: float) -> PadSurface:
-    """Three faces, their steepest ways 90 to 150 degrees apart."""
+    """Three faces whose directions of steepest descent are 90 to 150 degrees apart."""
     first, second = np.radians(rng.uniform(90.0, 150.0, 2))
     turns = np.array([0.0, first, first + second])
-    if first + second < math.radians(210.0):  # keep the three round the tip
+    if first + second < math.radians(210.0):  # so that the three surround the tip
         turns[2] = math.radians(240.0)
     steep = rng.uniform(0.2, 0.9 if convex > 0 else 0.5, 3)
     slopes = np.column_stack([steep * np.cos(turns), steep * np.sin(turns)])
@@ -243,7 +270,7 @@ def _corner(rng: np.random.Generator, convex: float) -> PadSurface:
 
 
 def _pyramid(rng: np.random.Generator) -> PadSurface:
-    """Four faces, like a roof with four sides."""
+    """Four faces, as of a hipped roof."""
     steep = rng.uniform(0.3, 0.8, 4)
     turns = math.pi / 2 * np.arange(4) + np.radians(rng.uniform(-10.0, 10.0, 4))
     slopes = np.column_stack([steep * np.cos(turns), steep * np.sin(turns)])
@@ -251,9 +278,9 @@ def _pyramid(rng: np.random.Generator) -> PadSurface:
 
 
 def _faces(slopes: Floats, place: Floats, convex: float, rounding: float) -> PadSurface:
-    """The upper or lower envelope of planes through one place, rounded to that radius."""
+    """The upper or lower envelope of planes through one point, rounded with a radius."""
     turn = float(np.ptp(slopes, axis=0) @ np.ptp(slopes, axis=0)) if len(slopes) == 2 else 0.0
-    blend = 0.25 * rounding * turn  # smooth maximum whose crest has that radius
+    blend = 0.25 * rounding * turn  # of a smooth maximum whose crest has that radius
 
     def surface(x: Floats, y: Floats) -> tuple[Floats, Floats]:
         away = np.stack([x - place[0], y - place[1]])
@@ -274,7 +301,7 @@ def _spun_faces(
     convex: float = 1.0,
     rounding: float = 0.0,
 ) -> PadSurface:
-    """Faces turned anyhow, through a place so far from the middle at most."""
+    """Randomly rotated faces, through a point at most `spread` off the centre along each axis."""
     turn = rng.uniform(0.0, 2.0 * math.pi)
     c, s = math.cos(turn), math.sin(turn)
     spun = slopes @ np.array([[c, s], [-s, c]])
@@ -293,7 +320,7 @@ def _step(rng: np.random.Generator) -> PadSurface:
 
 
 def _rim(rng: np.random.Generator) -> PadSurface:
-    """Where the flat end of a cylinder meets its side."""
+    """The rim between the flat end of a cylinder and its side."""
     radius, lean = rng.uniform(15 * MM, 50 * MM), math.radians(rng.uniform(25.0, 65.0))
     turn, place = rng.uniform(0.0, 2.0 * math.pi), rng.uniform(-3 * MM, 3 * MM, 2)
     c, s = math.cos(turn), math.sin(turn)
@@ -326,9 +353,9 @@ SURFACES: Mapping[str, Callable[[np.random.Generator], PadSurface]] = {
     "grazing": lambda rng: SURFACES[("ball", "edge", "corner")[rng.integers(3)]](rng),
     "nothing": _plane,
 }
-# Quadrics x'Mx = 1 with principal axes along x, y, z: the diagonal of M, 1/m^2, and the direction
-# from the middle in which a walk begins; it goes round the z axis. The last one passes the end of a
-# long ellipsoid, where curvature grows fivefold and falls again within the length of two pads.
+# Quadrics x'Mx = 1 with principal axes along x, y, z: the diagonal of M [1/m^2], and the direction
+# from the centre in which a walk around the z axis starts. The last walk passes the end of a long
+# ellipsoid, where curvature grows fivefold and falls again within the width of two pads.
 WALKS: Mapping[str, tuple[Vector, Vector]] = {
     "sphere": ((0.03**-2, 0.03**-2, 0.03**-2), (1.0, 0.0, 0.0)),
     "cylinder": ((0.025**-2, 0.025**-2, 0.0), (1.0, 0.0, 0.0)),

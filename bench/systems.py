@@ -1,6 +1,6 @@
-"""The system of 1999 and ours, both as graphs: the same objects, touched with and without noise.
+"""The system of 1999 and palpate, both as graphs, on the same objects with and without noise.
 
-Objects are four shipped scenes and stand-ins for the two examples of chapter 5, both 80 mm high.
+Objects are four shipped scenes and stand-ins for the two examples of chapter 5, 80 mm high.
 """
 
 from __future__ import annotations
@@ -19,28 +19,27 @@ from palpate.tools.exploration import explore
 SCENES, QUICK_SCENES = ("vase", "egg", "block", "bottle"), ("vase",)
 EXAMPLES: tuple[Example, ...] = (FIRST, SECOND)
 EXAMPLE_SIZE = "80mm"
-EXAMPLE_ROWS, EXAMPLE_COLUMNS = 121, 180  # Of their meshes
 Noise = Literal["none", "default"]
 NOISES: dict[str, Noise] = {"exact": "none", "noise": "default"}
 HEAD = f"{'':<34}{'touches':>9}{'robot':>9}{'compute':>9}{'rms':>11}{'bound':>11}{'ratio':>8}"
 
 
 class SystemRun(NamedTuple):
-    """What a run came to."""
+    """Costs and error of a run."""
 
     touches: int
     robot: float  # Robot time [s]
     compute: float  # Processor time of all nodes [s]
     rms: float  # Root mean square error of the solid [m]
-    bound: float | None  # What the system says that it stays below [m]
+    bound: float | None  # That the system states of the error [m]
 
 
 def system_rows(quick: bool) -> Iterator[Row | str]:
-    """Touches, robot and processor time, and error of each system; the error over ours at last."""
+    """Touches, times, error and bound of each system; last, its error over palpate's."""
     yield HEAD
     shapes: dict[str, str | Mesh] = {name: name for name in (QUICK_SCENES if quick else SCENES)}
     if not quick:
-        shapes |= {one.name: one.mesh(EXAMPLE_ROWS, EXAMPLE_COLUMNS) for one in EXAMPLES}
+        shapes |= {example.name: example.mesh(121, 180) for example in EXAMPLES}
     for name, shape in shapes.items():
         for noise, option in NOISES.items():
             runs = {system: _run(shape, system, option) for system in SYSTEMS}
@@ -51,7 +50,7 @@ def system_rows(quick: bool) -> Iterator[Row | str]:
 def _run(shape: str | Mesh, system: str, noise: Noise) -> SystemRun:
     size = None if isinstance(shape, str) else EXAMPLE_SIZE
     with tempfile.TemporaryDirectory() as folder:
-        found = explore(
+        run = explore(
             shape,
             system=system,
             noise=noise,
@@ -60,7 +59,7 @@ def _run(shape: str | Mesh, system: str, noise: Noise) -> SystemRun:
             composed=True,
             progress=False,
         )
-        summary: Any = found.summary
+        summary: Any = run.summary
     return SystemRun(
         summary["touches"],
         summary["robot_time_s"],

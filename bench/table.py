@@ -1,6 +1,6 @@
-"""Rows of a table of figures, what is demanded of each, and the table printed as it is known.
+"""Rows of a table of figures with their demands, printed as soon as each is known.
 
-Beside its text a line has its figures as numbers, by which a later run is compared with it.
+Beside its text a row holds its figures as numbers, with which a later run is compared.
 """
 
 from __future__ import annotations
@@ -17,13 +17,11 @@ import msgspec
 from palpate.launch.files.source_map import InputError
 
 Key = TypeVar("Key")
-Found = TypeVar("Found")
+Result = TypeVar("Result")
 Kind = Literal["time", "count", "error"]
-MOST_SECONDS = 300.0  # A run that takes longer has hung, s
-WIDTH = 60  # Of a name, in letters
 TIME_UNITS = ("s", "ms", "us", "ns", "/s")
-# A number as it is printed, and its unit; commas part thousands.
-PRINTED = re.compile(
+# A printed number and its unit; commas separate thousands.
+PRINTED_NUMBER = re.compile(
     r"(?<![\w.])([-+]?\d+(?:,\d{3})*(\.\d+)?(e[-+]?\d+)?)(?: ?(%|/s|(?:[mun]?s|[mu]?m|deg|x)\b))?"
 )
 
@@ -34,10 +32,10 @@ class Figure:
 
     value: float | None  # None where it is not finite
     unit: str = ""
-    kind: Kind  # A time, a count that is exact, or any other size
-    spread: float = 0.0  # Half of what repeats differ by, or, without, half of the last digit
-    repeated: bool = False  # Whether the spread is of repeats
-    name: str = ""  # Which of several figures of its line
+    kind: Kind  # A time, an exact count, or any other quantity
+    spread: float = 0.0  # Half the range of the repeats; without repeats, half of the last digit
+    repeated: bool = False  # Whether the spread comes from repeats
+    name: str = ""  # Distinguishes several figures of one row
 
 
 def figure_of(
@@ -48,7 +46,7 @@ def figure_of(
     repeats: Sequence[float] = (),
     name: str = "",
 ) -> Figure:
-    """A number with its unit; `repeats` are what it is the middle or the least of."""
+    """A number with its unit; it is the median or the smallest of the `repeats`."""
     unit, whole, several = unit.strip(), isinstance(value, int), len(repeats) > 1
     return Figure(
         value=(value if whole else float(value)) if abs(value) < float("inf") else None,
@@ -62,19 +60,19 @@ def figure_of(
 
 def printed_figures(text: str) -> tuple[Figure, ...]:
     """The numbers in a text, each as exact as its last digit."""
-    found = []
-    for match in PRINTED.finditer(text):
+    figures = []
+    for match in PRINTED_NUMBER.finditer(text):
         digits, decimals, power = match[1].replace(",", ""), match[2] or ".", match[3] or ""
         whole = decimals == "." and not power
-        one = figure_of(int(digits) if whole else float(digits), match[4] or "")
-        step = 0.0 if one.kind == "count" else float(f"1{power}") * 10.0 ** (1 - len(decimals))
-        found.append(replace(one, spread=0.5 * step))
-    return tuple(found)
+        number = figure_of(int(digits) if whole else float(digits), match[4] or "")
+        step = 0.0 if number.kind == "count" else float(f"1{power}") * 10.0 ** (1 - len(decimals))
+        figures.append(replace(number, spread=0.5 * step))
+    return tuple(figures)
 
 
 @dataclass(frozen=True, slots=True)
 class Measured:
-    """A line as it is kept in a file."""
+    """A row as it is stored in a file."""
 
     group: str
     name: str
@@ -85,7 +83,7 @@ class Measured:
 
 
 def measured(group: str, line: Any) -> Measured:
-    """A line for a file; a row's value and demand are told without its name."""
+    """A row as it is stored in a file: the value and the demand of a `Row` without its name."""
     value, target = (line.value, line.target) if isinstance(line, Row) else (str(line), "")
     return Measured(group, line.name, value, target, bool(line.holds), tuple(line.figures))
 
@@ -93,76 +91,76 @@ def measured(group: str, line: Any) -> Measured:
 class Row(NamedTuple):
     """One figure, or a few in a text."""
 
-    name: str  # What was measured
+    name: str  # What is measured
     value: str  # With its unit
-    target: str = ""  # What is demanded; empty if nothing is
-    holds: bool = True  # Whether it is met
-    numbers: tuple[Figure, ...] = ()  # Of the value, where they are known better than it tells
-    text: str = ""  # The whole line, where it is one of a table of its own
+    target: str = ""  # Demand; empty if there is none
+    holds: bool = True  # Whether the demand is met
+    numbers: tuple[Figure, ...] = ()  # Figures more exact than the printed value
+    text: str = ""  # The whole line, if it belongs to a table with columns of its own
 
     @property
     def figures(self) -> Sequence[Figure]:
-        """Its number, or those of its text."""
+        """Its exact figures, or else those of its printed value."""
         return self.numbers or printed_figures(self.value)
 
     def __str__(self) -> str:
-        line = self.text or f"{self.name:<{WIDTH - 1}} {self.value:>14}  {self.target}"
+        line = self.text or f"{self.name:<59} {self.value:>14}  {self.target}"
         return line.rstrip() if self.holds else f"{line}   MISSED"
 
 
-# Measures some figures, one at a time; fewer trials if told to be quick. What it yields is text,
-# which is not of JSON, or a row, or anything else that has `name`, `holds` and `figures` as a row
-# has them, printed by its own ``str``.
+# Measures figures one at a time, with fewer trials if its argument `quick` is true. It yields rows,
+# anything else with the `name`, `holds` and `figures` of a row, printed by its own ``str``, and
+# plain text, which is left out of JSON.
 Group = Callable[[bool], Iterable[Any]]
 
 
 def figure(
     name: str, value: float, form: str = ".2f", unit: str = "", target: str = "", **more: Any
 ) -> Row:
-    """A figure of which nothing is demanded; `form` is the value's, `more` as of `figure_of`."""
-    known, of = (100.0 * value, "%") if form.endswith("%") else (value, unit)
-    return Row(name, f"{value:{form}}{unit}", target, True, (figure_of(known, of, **more),))
+    """A figure without a demand; `form` formats the value, `more` is passed to `figure_of`."""
+    number, its_unit = (100.0 * value, "%") if form.endswith("%") else (value, unit)
+    return Row(name, f"{value:{form}}{unit}", target, True, (figure_of(number, its_unit, **more),))
 
 
 def at_most(
-    name: str, value: float, most: float, form: str = ".2f", unit: str = "", **more: Any
+    name: str, value: float, maximum: float, form: str = ".2f", unit: str = "", **more: Any
 ) -> Row:
-    """A figure that may not be larger than this; `form` is the value's."""
-    row = figure(name, value, form, unit, f"<= {_bound(most, form)}{unit}", **more)
-    return row._replace(holds=value <= most)
+    """A figure with an upper bound; `form` formats the value."""
+    row = figure(name, value, form, unit, f"<= {_bound(maximum, form)}{unit}", **more)
+    return row._replace(holds=value <= maximum)
 
 
 def at_least(
-    name: str, value: float, least: float, form: str = ".2f", unit: str = "", **more: Any
+    name: str, value: float, minimum: float, form: str = ".2f", unit: str = "", **more: Any
 ) -> Row:
-    """A figure that may not be smaller than this; `form` is the value's."""
-    row = figure(name, value, form, unit, f">= {_bound(least, form)}{unit}", **more)
-    return row._replace(holds=value >= least)
+    """A figure with a lower bound; `form` formats the value."""
+    row = figure(name, value, form, unit, f">= {_bound(minimum, form)}{unit}", **more)
+    return row._replace(holds=value >= minimum)
 
 
 def _bound(value: float, form: str) -> str:
     return f"{100.0 * value:g}%" if form.endswith("%") else f"{value:g}"
 
 
-def in_turns(calls: Mapping[Key, Callable[[], Found]], turns: int) -> dict[Key, list[Found]]:
-    """What each call returns in each turn: whatever else the machine does, all meet the same."""
-    found: dict[Key, list[Found]] = {key: [] for key in calls}
+def in_turns(calls: Mapping[Key, Callable[[], Result]], turns: int) -> dict[Key, list[Result]]:
+    """Results of all calls, called in turns so that all meet the same load of the machine."""
+    results: dict[Key, list[Result]] = {key: [] for key in calls}
     for _ in range(turns):
         for key, call in calls.items():
-            found[key].append(call())
-    return found
+            results[key].append(call())
+    return results
 
 
 def best_seconds(
-    call: Callable[[], object], rounds: int, clock: Callable[[], float] = time.perf_counter
+    call: Callable[[], object], n_rounds: int, clock: Callable[[], float] = time.perf_counter
 ) -> float:
-    """The least time of some rounds: what a busy computer adds is not the call's."""
-    times = []
-    for _ in range(rounds):
-        began = clock()
+    """The shortest time [s] of some n_rounds: other load on the computer only adds to it."""
+    durations = []
+    for _ in range(n_rounds):
+        start = clock()
         call()
-        times.append(clock() - began)
-    return min(times)
+        durations.append(clock() - start)
+    return min(durations)
 
 
 def run_groups(
@@ -174,15 +172,15 @@ def run_groups(
     echo: Callable[[str], None] = print,
     keep: Callable[[str, Sequence[Measured], str], object] = lambda group, lines, failure: None,
 ) -> int:
-    """Print figures, one a line, each as soon as it is known; 0 if all groups were measured.
+    """Print each figure on a line as soon as it is known; return 0 if all groups were measured.
 
-    `groups`: what to measure, ``module:function`` by name; a module is imported at its turn. One
-    that fails is told and is not the end of the others; then the result is 1. `strict`: also if a
-    demand is missed. `quick`: fewer trials. `as_json`: one JSON object a line, with the group's
-    name. `keep` is handed the lines of each group, and why it failed or nothing. Raises InputError
-    if a single group says that it was asked for what cannot be.
+    `groups`: what to measure, ``module:function`` by name; each module is imported at its turn.
+    After a group that fails the others are still measured, and the result is 1. `strict`: the
+    result is 1 also if a demand is missed. `quick`: fewer trials. `as_json`: one JSON object a
+    line, with the group's name. `keep` receives a group's name, its rows, and the reason of its
+    failure or an empty string. Raises InputError if the only group does.
     """
-    bad = False
+    is_bad = False
     for name, place in groups.items():
         if len(groups) > 1 and not as_json:
             echo(f"-- {name}")
@@ -191,22 +189,24 @@ def run_groups(
             for line in (named(place) if isinstance(place, str) else place)(quick):
                 if not isinstance(line, str):
                     lines.append(measured(name, line))
-                    bad = bad or (strict and not line.holds)
+                    is_bad = is_bad or (strict and not line.holds)
                 if not as_json:
                     echo(str(line))
                 elif not isinstance(line, str):
                     echo(msgspec.json.encode(lines[-1]).decode())
-        except Exception as error:  # of a peer, say: the others are measured all the same
+        except (
+            Exception
+        ) as error:  # of a compared package, say: the other groups are still measured
             if isinstance(error, InputError) and len(groups) == 1:
                 raise
-            failure, bad = f"{type(error).__name__}: {error}", True
+            failure, is_bad = f"{type(error).__name__}: {error}", True
             failed = Row(f"{name}: FAILED", failure)
             echo(msgspec.json.encode(measured(name, failed)).decode() if as_json else str(failed))
         keep(name, lines, failure)
-    return int(bad)
+    return int(is_bad)
 
 
 def named(place: str) -> Any:
-    """What ``module:name`` stands for."""
+    """The object that ``module:name`` names."""
     module, _, name = place.partition(":")
     return getattr(import_module(module), name)

@@ -1,4 +1,4 @@
-"""A toy node that counts and passes on, by which the bus is measured."""
+"""A toy node that counts frames and passes them on, with which the bus is measured."""
 
 from __future__ import annotations
 
@@ -14,24 +14,25 @@ from palpate.messages.types import TactileFrame
 from palpate.nodes.runtime.node import Finished, Input, Node, Outputs, Wiring
 
 MODULE = __name__
-_UP = np.array([0.0, 0.0, 1.0])
-_POSE = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
-_ARRAY = np.full((16, 16), 2e-6)
+# Content of every frame: only its size matters.
+DIRECTION = np.array([0.0, 0.0, 1.0])
+POSE = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
+TAXELS = np.full((16, 16), 2e-6)
 
 
 class ToyParams(msgspec.Struct, frozen=True, kw_only=True):
     """What a toy does."""
 
     burst: int = 0  # Frames published at the start
-    laps: int = 0  # Publishes the next frame when one comes, until it has published this many
+    laps: int = 0  # Answers a frame with the next one until it has published this many
     relay: bool = False  # Publishes what it receives
-    expects: int = 0  # Finishes when it has received this many; 0 never does
-    work: float = 0.0  # Time that each message takes, s
-    late: float = 0.0  # Time after which its process begins to join, s
-    core: int = -1  # Processor core on which it runs; -1 leaves it free
+    expects: int = 0  # Finishes when it has received this many; 0: never
+    work: float = 0.0  # [s] that each message takes
+    late: float = 0.0  # [s] after which its process begins to join
+    core: int = -1  # Processor core on which it runs; -1: any
 
     def __post_init__(self) -> None:
-        """Come late, and settle on a core, where this is the toy's own process."""
+        """Wait for `late` and settle on the core, if this is the toy's own process."""
         if multiprocessing.parent_process() is not None:
             time.sleep(self.late)
             settle(self.core)
@@ -45,15 +46,15 @@ def settle(core: int) -> None:
 
 
 def frame(touch: int) -> TactileFrame:
-    """Frame of 16 by 16 taxels with this number."""
+    """Frame of 16 by 16 taxels with this number of its touch."""
     return TactileFrame(
         goal=0,
         touch=touch,
         finger=1,
-        direction=_UP,
-        pose=_POSE,
+        direction=DIRECTION,
+        pose=POSE,
         outcome="hit",
-        array=_ARRAY,
+        array=TAXELS,
         robot_time=0.1 * touch,
     )
 
@@ -76,7 +77,7 @@ def toy(
 
 
 def token_ring(laps: int, core: int = -1, nodes: int = 2) -> list[Wiring]:
-    """Toys that pass a frame around, so often: there and back, if they are two."""
+    """Toys that pass a frame around `laps` times; two toys pass it there and back."""
     names = ["source", *(f"relay{i}" if i else "relay" for i in range(nodes - 1))]
     params = [ToyParams(burst=1, laps=laps, expects=laps, core=core)]
     params += [ToyParams(relay=True, core=core)] * (nodes - 1)

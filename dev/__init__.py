@@ -1,4 +1,5 @@
-"""Tools for changing palpate: none of it is installed, and only tests import it.
+"""Tools for changing palpate, which are not installed; only tests import them.
 
-``python -m dev.mutation``, ``dev.fuzz``, ``dev.chaos`` and ``dev.house``, each with ``--help``.
+``python -m dev.mutation``, ``dev.fuzz``, ``dev.chaos``, ``dev.house`` and ``dev.plain``, each with
+``--help``.
 """

@@ -1,10 +1,10 @@
-"""The figures of the house: how much there is, in how many files, and how many files an act needs.
+"""Sizes of the repository, and the numbers of files that a frame, a rebuild and a plan run through.
 
-Acts are watched from outside, by the calls that Python makes, through the public face and on the
-vase, each in a process of its own.
+Each of these is observed in a process of its own by profiling the calls of Python, on the vase and
+through the public functions.
 
-    python -m dev.house           sizes, and what a frame, a rebuild and a plan run through
-    python -m dev.house --quick   the sizes alone
+    python -m dev.house           sizes, and files that a frame, a rebuild and a plan run through
+    python -m dev.house --quick   only the sizes
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ import sys
 import tempfile
 import tokenize
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from importlib import import_module
 from itertools import pairwise
 from pathlib import Path
@@ -33,11 +34,21 @@ FOLDERS = (
     *("core", "messages", "nodes", "launch", "tools", "bench", "palpate"),
     *("dev", "examples", "tests"),
 )
-LONG, SHORT = 600, 60  # Lines from which a file is too long, and below which it is a scrap
 FRAME_NODES = ("simulator", "filter", "curvature", "tracer", "reconstructor")  # Of one frame
-REBUILT = 1000  # Calls in one visit of the reconstructor from which it rebuilds
-FRAMES = 10  # Frames that come first: before them a superquadric is fitted
 NO_CODE = {tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HouseSettings:
+    """Which files are long or short, and when a rebuild is observed."""
+
+    max_lines: int = 600  # of a file that is not long
+    min_lines: int = 60  # of a file that is not short
+    min_rebuild_calls: int = 1000  # of a visit of the reconstructor that rebuilds
+    min_frames: int = 10  # before a rebuild: earlier models are fits of a superquadric
+
+
+HOUSE = HouseSettings()
 
 
 class FolderSize(NamedTuple):
@@ -46,14 +57,14 @@ class FolderSize(NamedTuple):
     name: str
     files: int
     lines: int
-    code: int  # Neither blank nor comment nor docstring
+    code: int  # Lines that are neither blank nor comment nor docstring
     median: int  # Lines of a file
-    long: int  # Files of more than 600 lines
-    short: int  # Files of fewer than 60
+    long: int  # Number of files with more than `max_lines`
+    short: int  # Number of files with fewer than `min_lines`
 
     @property
     def holds(self) -> bool:
-        """Nothing is demanded of it."""
+        """True: nothing is demanded."""
         return True
 
     @property
@@ -66,10 +77,17 @@ class FolderSize(NamedTuple):
 
 
 def house_rows(quick: bool) -> Iterator[FolderSize | Row | str]:
-    """Sizes of the folders, and of what three acts run through; only the sizes if quick."""
+    """Sizes of folders, and numbers of files and calls; only the sizes if quick."""
     package = Path(palpate.__file__).resolve().parent
     root = package.parent if (package.parent / "pyproject.toml").exists() else package
-    heads = ("files", "lines", "code", "median", f"over {LONG}", f"under {SHORT}")
+    heads = (
+        "files",
+        "lines",
+        "code",
+        "median",
+        f"over {HOUSE.max_lines}",
+        f"under {HOUSE.min_lines}",
+    )
     yield f"{'':<10}" + "".join(f"{head:>10}" for head in heads)
     folders = {name: sources(root / name) for name in FOLDERS if (root / name).is_dir()}
     product = [path for name, paths in folders.items() if name != "tests" for path in paths]
@@ -77,26 +95,28 @@ def house_rows(quick: bool) -> Iterator[FolderSize | Row | str]:
         yield folder_size(name, paths)
     if quick:
         return
-    for act, counts in {**_probe("run"), "planning a run": _probe("plan")}.items():
-        yield Row(act, ", ".join(f"{count} {what}" for what, count in counts.items()))
+    for name, counts in {**_probe("run"), "planning a run": _probe("plan")}.items():
+        yield Row(name, ", ".join(f"{count} {what}" for what, count in counts.items()))
 
 
 def sources(folder: Path) -> list[Path]:
-    """Its Python files; links are not followed, and scripts of scenes are data."""
-    found = (Path(at) / one for at, _, names in os.walk(folder) for one in names)
-    return sorted(one for one in found if one.suffix == ".py" and "scenes" not in one.parts)
+    """Its Python files, without those behind links and scripts of scenes, which are data."""
+    paths = (Path(parent) / name for parent, _, names in os.walk(folder) for name in names)
+    return sorted(path for path in paths if path.suffix == ".py" and "scenes" not in path.parts)
 
 
 def folder_size(name: str, paths: Iterable[Path]) -> FolderSize:
     """Count files, lines and lines of code."""
     texts = [path.read_text("utf-8") for path in paths]
     lines = [len(text.splitlines()) for text in texts]
-    middle, ends = (
-        median(lines or [0]),
-        (sum(n > LONG for n in lines), sum(n < SHORT for n in lines)),
-    )
     return FolderSize(
-        name, len(lines), sum(lines), sum(map(code_lines, texts)), round(middle), *ends
+        name,
+        files=len(lines),
+        lines=sum(lines),
+        code=sum(map(code_lines, texts)),
+        median=round(median(lines or [0])),
+        long=sum(n > HOUSE.max_lines for n in lines),
+        short=sum(n < HOUSE.min_lines for n in lines),
     )
 
 
@@ -113,33 +133,33 @@ def code_lines(text: str) -> int:
     return len(kept)
 
 
-def _probe(act: str) -> dict[str, Any]:
-    """Watch an act in a process of its own."""
-    command = [sys.executable, __file__, "--watch", act]
+def _probe(what: str) -> dict[str, Any]:
+    """Observe a run or its plan in a process of its own."""
+    command = [sys.executable, __file__, "--watch", what]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode != 0:
-        raise RuntimeError(f"{act} failed: {done.stderr.strip()[-400:]}")
-    found: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
-    return found
+        raise RuntimeError(f"{what} failed: {done.stderr.strip()[-400:]}")
+    counts: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
+    return counts
 
 
 class Call(NamedTuple):
-    """A call of the product, or the return from one."""
+    """A call of a function of the product, or the return from one."""
 
     begins: bool
     file: str
     name: str
 
 
-Visit = tuple[str, tuple[Call, ...]]  # The calls between entering a node and leaving it
+Visit = tuple[str, tuple[Call, ...]]  # A node, and the calls from entering it to leaving it
 
 
 class _Enough(BaseException):
-    """All has been seen."""
+    """All that is needed has been observed."""
 
 
 class CallWatch:
-    """Sees every call of the product's code while it is entered."""
+    """Observes all calls of the product's code while its context is entered."""
 
     def __init__(self) -> None:
         self.modules: set[str] = set()
@@ -177,9 +197,9 @@ class CallWatch:
         return self._known[name]
 
     def _visit(self, call: Call) -> None:
-        """Keep what happens in nodes, each visit for itself."""
+        """Keep the calls in nodes, by visit."""
         if not self._node and call.begins and call.name != "<module>":
-            # The filter's is ``nodes/filter.py``, or all below ``nodes/filter``.
+            # A node's code is ``nodes/filter.py``, or all below ``nodes/filter``.
             parts = call.file.removesuffix(".py").split("/")
             names = (name for room, name in pairwise(parts) if room == "nodes")
             self._node = next((name for name in names if name in FRAME_NODES), "")
@@ -191,33 +211,33 @@ class CallWatch:
             node, calls = self._node, tuple(self._calls)
             self.visits.append((node, calls))
             self._node, self._calls = "", []
-            rebuilt = node == FRAME_NODES[-1] and len(calls) > 2 * REBUILT
-            if rebuilt and len(frames_of(self.visits)) >= FRAMES:
+            has_rebuilt = node == FRAME_NODES[-1] and len(calls) > 2 * HOUSE.min_rebuild_calls
+            if has_rebuilt and len(frames_of(self.visits)) >= HOUSE.min_frames:
                 raise _Enough
 
 
 def frames_of(visits: Sequence[Visit]) -> list[tuple[Call, ...]]:
-    """The calls of each frame that passed all its nodes: those of one round of the simulator."""
+    """Calls of each frame that passed all nodes, from one visit of the simulator to the next."""
     rounds: list[dict[str, tuple[Call, ...]]] = []
     for node, calls in visits:
         if node == FRAME_NODES[0]:
             rounds.append({})
         if rounds:
             rounds[-1].setdefault(node, calls)
-    whole = [one for one in rounds if len(one) == len(FRAME_NODES)]
-    return [tuple(call for node in FRAME_NODES for call in one[node]) for one in whole]
+    whole = [by_node for by_node in rounds if len(by_node) == len(FRAME_NODES)]
+    return [tuple(call for node in FRAME_NODES for call in by_node[node]) for by_node in whole]
 
 
-def passed(calls: Sequence[Call]) -> dict[str, int]:
-    """Files, calls into another file than the call before, and calls; comprehensions are none."""
-    begun = [call.file for call in calls if call.begins and not call.name.startswith("<")]
-    changes = sum(one != other for one, other in pairwise(begun))
+def call_counts(calls: Sequence[Call]) -> dict[str, int]:
+    """Numbers of files, of calls from one file into another, and of calls of functions."""
+    called = [call.file for call in calls if call.begins and not call.name.startswith("<")]
+    changes = sum(before != after for before, after in pairwise(called))
     files = {call.file for call in calls if call.begins}
-    return {"files": len(files), "changes of file": changes, "calls": len(begun)}
+    return {"files": len(files), "changes of file": changes, "calls": len(called)}
 
 
-def within(calls: Sequence[Call], name: str) -> Sequence[Call]:
-    """The calls from the first of a function to its return; all of them if it is not called."""
+def calls_within(calls: Sequence[Call], name: str) -> Sequence[Call]:
+    """The calls from the first of a function to its return; all if it is not called."""
     first = next((i for i, call in enumerate(calls) if call.name == name), 0)
     depth = 0
     for last, call in enumerate(calls[first:], first):
@@ -228,16 +248,16 @@ def within(calls: Sequence[Call], name: str) -> Sequence[Call]:
 
 
 def watch_run(out: Path) -> dict[str, Any]:
-    """A usual frame and the first rebuild of an exploration with all nodes in this process."""
+    """A median frame and the first rebuild of an exploration with all nodes in this process."""
     with CallWatch() as watch:
         palpate.explore("vase", composed=True, record=False, out=out)
-    frames = sorted(map(passed, frames_of(watch.visits)), key=lambda one: one["files"])
-    rebuild = within(watch.visits[-1][1], palpate.reconstruct.__name__)
-    return {"one frame": frames[len(frames) // 2], "one rebuild": passed(rebuild)}
+    frames = sorted(map(call_counts, frames_of(watch.visits)), key=lambda counts: counts["files"])
+    rebuild = calls_within(watch.visits[-1][1], palpate.reconstruct.__name__)
+    return {"one frame": frames[len(frames) // 2], "one rebuild": call_counts(rebuild)}
 
 
 def watch_plan(out: Path) -> dict[str, Any]:
-    """``palpate run vase`` until it begins to write: then all is planned and nothing started."""
+    """``palpate run vase`` until its first write: all is planned by then, and nothing started."""
 
     def stop(event: str, values: tuple[Any, ...]) -> None:
         if event == "os.mkdir" and str(values[0]) == str(out):
@@ -254,13 +274,13 @@ def main(argv: Sequence[str]) -> int:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--quick", action="store_true", help="the sizes alone")
+    parser.add_argument("--quick", action="store_true", help="only the sizes")
     parser.add_argument("--watch", choices=("run", "plan"), help=argparse.SUPPRESS)
-    told = parser.parse_args(argv)
-    if told.watch is None:
-        return run_groups({"house": house_rows}, quick=told.quick)
+    options = parser.parse_args(argv)
+    if options.watch is None:
+        return run_groups({"house": house_rows}, quick=options.quick)
     with tempfile.TemporaryDirectory() as folder:
-        watched = watch_run if told.watch == "run" else watch_plan
+        watched = watch_run if options.watch == "run" else watch_plan
         print(json.dumps(watched(Path(folder) / "out")))
     return 0
 

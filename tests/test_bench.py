@@ -1,4 +1,4 @@
-"""``palpate bench``: every group can be called, options are checked, results are compared."""
+"""``palpate bench``: groups are callable, options are checked, results are compared."""
 
 import json
 from dataclasses import replace
@@ -16,14 +16,14 @@ CHEAP = [("speed", "touches"), ("speed", "splines"), ("speed", "messages"), ("ef
 
 
 @pytest.mark.parametrize(("name", "group"), GROUPS)
-def test_every_group_can_be_imported(name, group):
+def test_each_group_is_callable(name, group):
     place = suite.chosen_groups(name, group, {})[f"{name}/{group}"]
     assert callable(suite.named(place))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "group"), CHEAP)
-def test_a_group_measures_something(name, group):
+def test_cheap_group_yields_figures(name, group):
     place = suite.chosen_groups(name, group, {})[f"{name}/{group}"]
     lines = list(islice(suite.named(place)(True), 2))
     assert any(getattr(line, "figures", ()) for line in lines)
@@ -41,7 +41,7 @@ def test_wrong_arguments_are_refused(arguments, message, capsys):
 
 
 @pytest.mark.parametrize("arguments", [[], ["--list"], ["--help"]])
-def test_list_and_help_name_every_bench(arguments, capsys):
+def test_list_and_help_name_all_benches(arguments, capsys):
     assert run(["bench", *arguments]) == 0
     printed = capsys.readouterr().out
     assert all(name in printed for name in suite.BENCHES)
@@ -55,7 +55,7 @@ def rows(quick: bool):
 
 def failing(quick: bool):
     yield figure("before the fault", 1.0)
-    raise ValueError("the peer is not there")
+    raise ValueError("the peer is missing")
 
 
 def measure(tmp_path, monkeypatch, *options: str) -> tuple[int, dict]:
@@ -66,7 +66,7 @@ def measure(tmp_path, monkeypatch, *options: str) -> tuple[int, dict]:
     return code, json.loads(out.read_text())
 
 
-def test_missed_demand_is_an_error_only_if_strict(tmp_path, monkeypatch, capsys):
+def test_missed_demand_is_error_only_if_strict(tmp_path, monkeypatch, capsys):
     code, results = measure(tmp_path, monkeypatch)
     assert code == 0
     assert "MISSED" in capsys.readouterr().out
@@ -74,30 +74,29 @@ def test_missed_demand_is_an_error_only_if_strict(tmp_path, monkeypatch, capsys)
     assert run_groups({"a": rows}, quick=True, strict=True) == 1
 
 
-def test_failing_group_does_not_end_the_others(capsys):
+def test_groups_after_a_failed_one_are_measured(capsys):
     assert run_groups({"a": failing, "b": rows}, quick=True) == 1
     printed = capsys.readouterr().out
-    assert "the peer is not there" in printed
+    assert "the peer is missing" in printed
     assert "time of a hop" in printed
 
 
-@pytest.mark.parametrize(("new", "moved"), [
+@pytest.mark.parametrize(("new", "has_changed"), [
     (figure("time of a hop", 9.0, unit=" ms", repeats=(8.9, 9.1)), True),
     (figure("time of a hop", 5.15, unit=" ms", repeats=(5.05, 5.25)), False),
     (Row("count", "8"), True),
     (at_most("error", 0.305, 0.2, unit=" mm"), False),
     (at_most("error", 0.36, 0.2, unit=" mm"), True),
 ])  # fmt: skip
-def test_only_changes_beyond_the_repeats_are_named(tmp_path, monkeypatch, new, moved):
+def test_only_changes_beyond_noise_are_listed(tmp_path, monkeypatch, new, has_changed):
     measure(tmp_path, monkeypatch)
     path = tmp_path / "results.json"
     old = read_results(path, quick=False)
-    old = replace(old, machine={**old.machine, "load": 0.0})  # else times are not compared
-    line = next(line for line in old.lines if line.name == new.name)
-    changed = replace(line, value=new.value, figures=tuple(new.figures))
-    now = replace(old, lines=tuple(changed if one is line else one for one in old.lines))
-    text = "\n".join(comparison_lines(old, now, path))
-    assert (new.name in text) == moved
+    old = replace(old, machine={**old.machine, "load": 0.0})  # so that times are compared
+    values = {"value": new.value, "figures": tuple(new.figures)}
+    lines = (replace(line, **values) if line.name == new.name else line for line in old.lines)
+    now = replace(old, lines=tuple(lines))
+    assert (new.name in "\n".join(comparison_lines(old, now, path))) == has_changed
 
 
 @pytest.mark.parametrize("text", ["", "{}", '{"form": "another", "version": 1}', "[1, 2"])

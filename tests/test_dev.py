@@ -1,4 +1,4 @@
-"""Developers' tools: damaged input is refused in one sentence, and damage is noticed."""
+"""Developers' tools: damaged input is refused in one sentence, and defects are noticed."""
 
 from importlib import import_module
 from pathlib import Path
@@ -21,13 +21,13 @@ SAMPLES = {
 
 
 @pytest.mark.parametrize("name", [
-    "messages", "recordings", *(pytest.param(one, marks=SLOW) for one in [*SAMPLES][2:])
+    "messages", "recordings", *(pytest.param(name, marks=SLOW) for name in [*SAMPLES][2:])
 ])  # fmt: skip
 def test_damaged_input_is_valid_or_refused_in_one_sentence(name, tmp_path):
     INPUT_KINDS[name].prepare(tmp_path)
     outcomes = [try_input(INPUT_KINDS[name], number, tmp_path) for number in SAMPLES[name]]
-    assert [one.reason for one in outcomes if one.verdict == "defect"] == []
-    assert {one.verdict for one in outcomes} == {"accepted", "refused"}
+    assert [trial.reason for trial in outcomes if trial.verdict == "defect"] == []
+    assert {trial.verdict for trial in outcomes} == {"accepted", "refused"}
 
 
 @pytest.mark.parametrize(("error", "verdict"), [
@@ -36,7 +36,7 @@ def test_damaged_input_is_valid_or_refused_in_one_sentence(name, tmp_path):
     (KeyError("a"), "defect"),
     (MemoryError(), "defect"),
 ])  # fmt: skip
-def test_fuzzing_notices_errors_that_are_no_refusal(error, verdict, tmp_path):
+def test_error_other_than_a_refusal_is_a_defect(error, verdict, tmp_path):
     def attempt(*_: object) -> None:
         raise error
 
@@ -45,7 +45,7 @@ def test_fuzzing_notices_errors_that_are_no_refusal(error, verdict, tmp_path):
 
 
 @pytest.mark.slow
-def test_mutation_sites_are_drawn_by_seed_and_found_again(tmp_path):
+def test_mutation_sites_depend_on_seed_and_are_located(tmp_path):
     (tmp_path / "messages").symlink_to(ROOT / "messages")
     bodies = bodies_of(tmp_path)
     drawn = draw(bodies, 20, 1)
@@ -54,7 +54,7 @@ def test_mutation_sites_are_drawn_by_seed_and_found_again(tmp_path):
 
 
 @pytest.mark.parametrize("tool", ["mutation", "fuzz", "chaos", "house"])
-def test_every_tool_has_a_help(tool, capsys):
+def test_tool_prints_usage(tool, capsys):
     with pytest.raises(SystemExit) as end:
         import_module(f"dev.{tool}" if tool == "house" else f"dev.{tool}.__main__").main(["-h"])
     assert end.value.code == 0

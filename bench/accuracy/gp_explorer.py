@@ -1,25 +1,26 @@
-"""A peer that explores by a Gaussian process: it touches where its surface is known least.
+"""A method that explores with a Gaussian process: it touches where its surface is least certain.
 
 Dragiev, Toussaint and Gienger, 2011; Yi, Calandra, Veiga, van Hoof, Hermans, Zhang and Peters,
-*Active tactile object exploration with Gaussian processes*, 2016. To be fair, it is told the box
-that the object stands in, it may pass through the object on its way, and of each touch it gets
-points spread over the whole patch, with their normals.
+*Active tactile object exploration with Gaussian processes*, 2016. To be fair, it is given the
+object's bounding box, its travel may pass through the object, and of each touch it gets points
+spread over the whole patch, with normals.
 
-Its numbers were chosen on the ellipsoid and the groove, with noise and 6 m of way: of a Matern and
-a thin-plate kernel, of lengths from 0.35 to 2 of the object's extent, of 5 and 9 points for each
-touch, and of nearer places preferred or not.
+Its settings were chosen on the ellipsoid and the groove, with noise and 6 m of travel: of a Matern
+and a thin-plate kernel, of lengths from 0.35 to 2 of the object's extent, of 5 and 9 points of each
+touch, and with and without a preference for short travel.
 
-The surface is implicit: 0 on the object, negative inside, about 1 m a metre. Williams and
+The surface is implicit: 0 on the object, negative inside, with a slope of about 1. Williams and
 Fitzgibbon, *Gaussian process implicit surfaces*, 2006; with normals as observed gradients,
 Dragiev, Toussaint and Gienger, *Gaussian process implicit surfaces for shape estimation and
-grasping*, 2011. Before anything is touched it is a ball. A kernel is a function of the distance r.
-Between values it is k; between a value at x and a gradient at y, -g (x - y); between two gradients,
--(h d d' + g 1), where g is k' / r, h is (k'' - g) / r^2 and d is x - y.
+grasping*, 2011. Its prior is a ball. A kernel is a function of the distance r. Between values it
+is k; between a value at x and a gradient at y, -g (x - y); between two gradients, -(h d d' + g 1),
+where g is k' / r, h is (k'' - g) / r^2 and d is x - y.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
@@ -38,44 +39,68 @@ from palpate.messages.types import SurfacePatch, TactileFrame, TouchGoal
 from palpate.nodes import simulator
 from palpate.nodes.specs.sensors import pad_of_spec
 
-CANDIDATES = 400
-NEWTON = 8  # Steps with which candidates are brought onto the surface
-NEAR = 5e-4  # Candidates that are still farther from it are left out, m
-CLEAR = 8e-3  # The pad starts this far before the surface, and two standard deviations, m
-FARTHER = 0.02  # And so much farther if it began inside, m
-BEYOND = 0.012  # How far behind the expected surface a touch may go, m
-MARGIN = 6e-3  # Around the object's box, m
-POINT_ERROR, SLOPE_ERROR = 2e-5, 0.03  # Of points and normals of an exact finger, m and 1
-EMPTY, EMPTY_ERROR = 4e-3, 3e-3  # What a miss tells of the place where it ended, m
-LEAST_UP = -0.7  # Of a normal's z: the finger comes from no farther below
-TOUCH_POINTS = 9  # Of each touch
-AT_ONCE = 4096  # Places that are evaluated together
-UNKNOWN = 1e3  # Standard deviation of a gradient that nobody measured
-CELL = 2e-3  # Of the grid whose cubic interpolation the mesh is made of, m: far below the kernel's
-LEVEL = 7  # Of the mesh: cells of 0.8 mm, with their corners on the surface
-STEP = 1e-3  # Of a way along a cell's edge, over which the slope is taken
-# Of distances in m, of their shape each: k, g and h.
+# From distances [m] to k, g and h, each of the same shape.
 Kernel = Callable[[Floats], tuple[Floats, Floats, Floats]]
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ChoiceSettings:
+    """How the next touch is chosen."""
+
+    n_candidates: int = 400  # random points that are moved onto the surface
+    n_newton_steps: int = 8  # onto the surface
+    min_squared_slope: float = 0.1  # in a step
+    max_value: float = 5e-4  # [m] of the implicit function at a candidate
+    travel_weight: float = 0.01  # [m] of deviation that outweighs a metre of travel; 0 does worse
+    margin: float = 6e-3  # [m] around the object's box
+    seed: int = 0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ApproachSettings:
+    """How the finger approaches a point where the surface is expected."""
+
+    # [m] from the expected surface to the start of the pad, beside two standard deviations.
+    clearance: float = 8e-3
+    clearance_step: float = 0.02  # [m] by which that grows after a start inside of the object
+    overshoot: float = 0.012  # [m] behind the expected surface, at which a touch ends
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ObservationSettings:
+    """What the surface learns of a touch; errors are standard deviations."""
+
+    n_points: int = 9  # of each touch
+    pose_error: float = 1e-4  # [m] common to all points of a touch
+    point_error: float = 2e-5  # [m] of a point, by an exact finger
+    slope_error: float = 0.03  # of a normal's components
+    unknown_slope_error: float = 1e3  # of a normal that was not measured
+    miss_value: float = 4e-3  # [m] of the implicit function where a miss ends
+    miss_error: float = 3e-3  # [m]
+
+
 class Explorer:
-    """Touch by touch.
+    """Explores touch by touch, with a finger and the object's true bounding box (2, 3) [m]."""
 
-    `finger`: what it touches with. `box` (2, 3): the object's true box, m. `noise`: standard
-    deviation of a touch's place, m. `travel`: how much deviation a metre of travel outweighs, m.
-    """
-
-    def __init__(self, finger: GuardedFinger, box: Floats, noise: float, travel: float):
-        self.finger, self._noise, self._travel = finger, noise, travel
-        self._box = box + MARGIN * np.array([[-1.0], [1.0]])
+    def __init__(
+        self,
+        finger: GuardedFinger,
+        box: Floats,
+        choice: ChoiceSettings = ChoiceSettings(),
+        approach: ApproachSettings = ApproachSettings(),
+        observation: ObservationSettings = ObservationSettings(),
+    ):
+        self.finger = finger
+        self._choice, self._approach, self._observation = choice, approach, observation
+        self._box = box + choice.margin * np.array([[-1.0], [1.0]])
         self._floor = float(box[0, 2])
-        self._rng = np.random.default_rng(0)
+        self._rng = np.random.default_rng(choice.seed)
         ball = BallPrior(box.mean(axis=0), 0.5 * float(np.ptp(box, axis=0).mean()))
         self._surface = GpSurface(matern(float(np.ptp(box, axis=0).max())), ball)
         self._last = ball.centre
 
     def touch_until(self, count: int) -> None:
-        """Go on until the finger has touched so often."""
+        """Touch until the finger has made so many touches."""
         while len(self.finger.touched) < count:
             self._touch_next()
 
@@ -85,90 +110,106 @@ class Explorer:
 
     def _touch_next(self) -> None:
         place, normal, deviation = self._choose()
-        standoff = CLEAR + 2.0 * min(deviation, 0.5 * FARTHER)
+        step = self._approach.clearance_step
+        standoff = self._approach.clearance + 2.0 * min(deviation, 0.5 * step)
         while True:
-            touched = self.finger.touch(place, normal, standoff, BEYOND)
-            if touched.outcome != "inside":
+            result = self.finger.touch(place, normal, standoff, self._approach.overshoot)
+            if result.outcome != "inside":
                 break
-            standoff += FARTHER
+            standoff += step
         self._last = place
-        self._surface.observe(self._seen(touched))
+        self._surface.observe(observations_of(result, self._observation))
 
     def _choose(self) -> tuple[Floats, Floats, float]:
-        """Of places on the surface, the one of which the least is known."""
-        places = self._rng.uniform(self._box[0], self._box[1], (CANDIDATES, 3))
-        for _ in range(NEWTON):
+        """Point and normal of the surface where it is least certain, and the deviation there."""
+        settings = self._choice
+        places = self._rng.uniform(self._box[0], self._box[1], (settings.n_candidates, 3))
+        for _ in range(settings.n_newton_steps):
             value, gradient = self._surface.at(places)
-            steep = np.maximum((gradient**2).sum(axis=1), 0.1)
-            places = places - (value / steep)[:, None] * gradient
+            squared_slope = np.maximum((gradient**2).sum(axis=1), settings.min_squared_slope)
+            places = places - (value / squared_slope)[:, None] * gradient
         value, gradient = self._surface.at(places)
         inside = (places >= self._box[0]) & (places <= self._box[1])
-        good = (np.abs(value) < NEAR) & inside.all(axis=1) & (places[:, 2] > self._floor)
+        is_near = np.abs(value) < settings.max_value
+        good = is_near & inside.all(axis=1) & (places[:, 2] > self._floor)
         if not good.any():
             good = np.abs(value) <= np.abs(value).min()
         places, gradient = places[good], gradient[good]
         deviation = self._surface.deviations(places)
-        away = np.linalg.norm(places - self._last, axis=1)
-        best = int(np.argmax(deviation - self._travel * away))
+        travel = np.linalg.norm(places - self._last, axis=1)
+        best = int(np.argmax(deviation - settings.travel_weight * travel))
         normal = gradient[best] / max(float(np.linalg.norm(gradient[best])), 1e-9)
         return places[best], normal, float(deviation[best])
 
-    def _seen(self, touched: TouchResult) -> Observations:
-        """What a touch tells: all of its points are off together, as the arm is."""
-        points, normals, _ = touched.contact
-        if not len(points):
-            nowhere = touched.end[None], np.array([EMPTY]), np.array([EMPTY_ERROR])
-            return Observations(*nowhere, 0.0, np.zeros((1, 3)), np.array([UNKNOWN]))
-        assert normals is not None
-        some = farthest_points(points, TOUCH_POINTS)
-        count = len(some)
-        return Observations(
-            places=points[some],
-            values=np.zeros(count),
-            value_errors=np.full(count, POINT_ERROR),
-            shared=self._noise,
-            gradients=normals[some],
-            gradient_errors=np.full(count, SLOPE_ERROR if touched.smooth else UNKNOWN),
-        )
+
+def observations_of(
+    result: TouchResult, settings: ObservationSettings = ObservationSettings()
+) -> Observations:
+    """Observations from a touch, whose points share the error of the arm's pose."""
+    points, normals, _ = result.contact
+    unknown = settings.unknown_slope_error
+    if not len(points):
+        value, error = np.array([settings.miss_value]), np.array([settings.miss_error])
+        gradients = np.zeros((1, 3)), np.array([unknown])
+        return Observations(result.end[None], value, error, 0.0, *gradients)
+    assert normals is not None
+    chosen = farthest_points(points, settings.n_points)
+    count = len(chosen)
+    return Observations(
+        places=points[chosen],
+        values=np.zeros(count),
+        value_errors=np.full(count, settings.point_error),
+        shared=settings.pose_error,
+        gradients=normals[chosen],
+        gradient_errors=np.full(count, settings.slope_error if result.is_smooth else unknown),
+    )
 
 
 def farthest_points(points: Floats, count: int) -> list[int]:
-    """Points (n, 3) far from one another, the first in the middle: their numbers."""
-    away = np.linalg.norm(points - points.mean(axis=0), axis=1)
-    found = [int(np.argmin(away))]
-    nearest = np.linalg.norm(points - points[found[0]], axis=1)
-    while len(found) < min(count, len(points)):
-        found.append(int(np.argmax(nearest)))
-        nearest = np.minimum(nearest, np.linalg.norm(points - points[found[-1]], axis=1))
-    return found
+    """Indices of points (n, 3) far from one another, the first nearest to their mean."""
+    from_mean = np.linalg.norm(points - points.mean(axis=0), axis=1)
+    chosen = [int(np.argmin(from_mean))]
+    nearest = np.linalg.norm(points - points[chosen[0]], axis=1)
+    while len(chosen) < min(count, len(points)):
+        chosen.append(int(np.argmax(nearest)))
+        nearest = np.minimum(nearest, np.linalg.norm(points - points[chosen[-1]], axis=1))
+    return chosen
 
 
 class TouchResult(NamedTuple):
-    """What one touch came to."""
+    """Result of a touch."""
 
     outcome: str  # As in a tactile frame
-    end: Floats  # Where the middle of the face then was, (3,), m
-    contact: ContactPoints  # Everything that touched; none after a miss
-    smooth: bool  # Whether the normals are to be trusted
+    end: Floats  # Last position of the centre of the pad (3,) [m]
+    contact: ContactPoints  # Of all touched taxels; empty after a miss
+    is_smooth: bool  # Whether the normals are reliable
 
 
 class GuardedFinger:
-    """Simulator, filter and curvature as plain calls, in the scene that is explored."""
+    """A finger of simulator, filter and curvature nodes as plain calls, in the scene of a file."""
 
     def __init__(self, scene: Path):
         spec = load_scene(scene).spec
-        self.touched: list[ContactPoints] = []  # What each touch met, with normals
-        self.robot_time = 0.0  # At the end of the last of them, s
+        self.touched: list[ContactPoints] = []  # Contact points of each touch, with normals
+        self.robot_time = 0.0  # At the end of the last touch [s]
         self._pad = pad_of_spec(spec.sensor)
         same = {name: getattr(spec, name) for name in ("object", "sensor", "effects", "seed")}
         self._loop = InProcessLoop(touching_nodes(simulator.Params(reach=spec.world.reach, **same)))
 
-    def touch(self, place: Floats, normal: Floats, standoff: float, beyond: float) -> TouchResult:
-        """Come along an outward unit normal to a place where the surface is expected.
+    def touch(
+        self,
+        place: Floats,
+        normal: Floats,
+        standoff: float,
+        overshoot: float,
+        min_upward: float = -0.7,
+    ) -> TouchResult:
+        """Approach along an outward unit normal a point (3,) where the surface is expected.
 
-        `standoff` and `beyond`: how far before it the pad starts and behind it the way ends, m.
+        `standoff`, `overshoot`: distances [m] before the point at which the pad starts, and behind
+        it at which it stops. `min_upward`: smallest z of the direction of approach.
         """
-        upward = max(float(normal[2]), LEAST_UP)
+        upward = max(float(normal[2]), min_upward)
         heading = float(np.arctan2(normal[1], normal[0]))
         axes = pad_rotation(heading, float(np.arcsin(min(upward, 1.0))))
         goal = TouchGoal(
@@ -176,7 +217,7 @@ class GuardedFinger:
             touch=0,
             finger=1,
             pose=Pose(place - standoff * axes[:, 2], axes).array,
-            reach=standoff + beyond,
+            reach=standoff + overshoot,
             depth=TOUCH_DEPTH,
             direction=axes[:, 1],
             not_before=0.0,
@@ -191,10 +232,10 @@ class GuardedFinger:
 
 
 class BallPrior(NamedTuple):
-    """What is expected before anything is touched."""
+    """A ball as the prior of the surface."""
 
-    centre: Floats  # (3,), m
-    radius: float  # m
+    centre: Floats  # (3,) [m]
+    radius: float  # [m]
 
     def at(self, places: Floats) -> tuple[Floats, Floats]:
         """Values (n,) and gradients (n, 3) at places (n, 3)."""
@@ -204,18 +245,18 @@ class BallPrior(NamedTuple):
 
 
 class Observations(NamedTuple):
-    """What was found out, at places (n, 3)."""
+    """Observed values and gradients of the implicit function at places (n, 3)."""
 
-    places: Floats  # m
-    values: Floats  # (n,), m
-    value_errors: Floats  # Standard deviations of each by itself, (n,), m
-    shared: float  # Standard deviation of what all are off by together, m
+    places: Floats  # [m]
+    values: Floats  # (n,) [m]
+    value_errors: Floats  # Standard deviations of independent errors (n,) [m]
+    shared: float  # Standard deviation of their common error [m]
     gradients: Floats  # (n, 3)
     gradient_errors: Floats  # Standard deviations, (n,)
 
 
 class GpSurface:
-    """A surface and what it knows of itself; `ball` is what is expected."""
+    """The surface and its uncertainty; `ball` is the prior."""
 
     def __init__(self, kernel: Kernel, ball: BallPrior):
         self._kernel, self._ball = kernel, ball
@@ -223,44 +264,51 @@ class GpSurface:
         self._whole, self._bare = CholeskyFactor(), CholeskyFactor()
         self._weights = np.zeros((0, 4))
 
-    def observe(self, seen: Observations) -> None:
-        """Take in what was found out."""
-        value, gradient = self._ball.at(seen.places)
-        spread = np.column_stack([seen.value_errors, *3 * [seen.gradient_errors]])
+    def observe(self, observed: Observations) -> None:
+        """Add observations."""
+        value, gradient = self._ball.at(observed.places)
+        spread = np.column_stack([observed.value_errors, *3 * [observed.gradient_errors]])
         for factor, gradients in ((self._whole, True), (self._bare, False)):
-            across = covariance_block(self._kernel, seen.places, self._places, gradients)
-            own = covariance_block(self._kernel, seen.places, seen.places, gradients)
+            across = covariance_block(self._kernel, observed.places, self._places, gradients)
+            own = covariance_block(self._kernel, observed.places, observed.places, gradients)
             own[np.diag_indices(len(own))] += (spread if gradients else spread[:, :1]).ravel() ** 2
             step = 4 if gradients else 1
-            own[::step, ::step] += seen.shared**2
+            own[::step, ::step] += observed.shared**2
             factor.append(across, own)
-        rest = np.column_stack([seen.values - value, seen.gradients - gradient])
-        self._places = np.concatenate([self._places, seen.places])
+        rest = np.column_stack([observed.values - value, observed.gradients - gradient])
+        self._places = np.concatenate([self._places, observed.places])
         self._rest = np.concatenate([self._rest, rest])
         self._weights = self._whole.solve(self._rest.ravel()).reshape(-1, 4)
 
-    def at(self, places: Floats) -> tuple[Floats, Floats]:
-        """Values (n,) and gradients (n, 3) at places (n, 3)."""
+    def at(self, places: Floats, block_size: int = 4096) -> tuple[Floats, Floats]:
+        """Values (n,) and gradients (n, 3) at places (n, 3), evaluated in blocks."""
         value, gradient = self._ball.at(places)
-        for start in range(0, len(places) if len(self._places) else 0, AT_ONCE):
-            some = slice(start, start + AT_ONCE)
-            more, steeper = self._found(places[some])
-            value[some] += more
-            gradient[some] += steeper
+        for start in range(0, len(places) if len(self._places) else 0, block_size):
+            block = slice(start, start + block_size)
+            added_value, added_gradient = self._corrections(places[block])
+            value[block] += added_value
+            gradient[block] += added_gradient
         return value, gradient
 
     def deviations(self, places: Floats) -> Floats:
-        """Standard deviations (n,) of the values at places (n, 3), by the values observed, m.
+        """Standard deviations (n,) [m] of the values at places (n, 3), given observed values.
 
-        Gradients are left out: it would take sixteen times as long, and order places alike.
+        Observed gradients are left out: they take sixteen times as long, and rank places alike.
         """
         half = self._bare.half(covariance_block(self._kernel, self._places, places, False))
         prior, _, _ = self._kernel(np.zeros(1))
         return np.asarray(np.sqrt(np.maximum(prior - np.einsum("ij,ij->j", half, half), 0.0)))
 
-    def mesh(self, box: Floats, floor: float) -> Mesh:
-        """The surface within a box (2, 3), cut off at the height of what the object stands on."""
-        size = np.ceil((box[1] - box[0]) / CELL).astype(int) + 1
+    def mesh(
+        self, box: Floats, floor: float, cell: float = 2e-3, level: int = 7, step: float = 1e-3
+    ) -> Mesh:
+        """The surface within a box (2, 3), cut off at the height of the platform.
+
+        It is that of a cubic interpolation on a grid of cells [m] far smaller than the length of
+        the kernel. `level`: of the mesh, by default with cells of 0.8 mm. `step`: fraction of a
+        cell's edge over which slopes are taken.
+        """
+        size = np.ceil((box[1] - box[0]) / cell).astype(int) + 1
         axes = [np.linspace(box[0, i], box[1, i], size[i]) for i in range(3)]
         grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
         field = spline_filter(self.at(grid.reshape(-1, 3))[0].reshape(size))
@@ -271,49 +319,51 @@ class GpSurface:
             value = map_coordinates(field, nodes, prefilter=False, mode="nearest")
             return np.asarray(np.maximum(value, floor - places[:, 2]))
 
-        def inside_out(places: Floats, ways: Floats) -> tuple[Floats, Floats]:
-            ahead, behind = at(places + STEP * ways), at(places - STEP * ways)
-            return at(places), (ahead - behind) / (2.0 * STEP)
+        def inside_out(places: Floats, edges: Floats) -> tuple[Floats, Floats]:
+            ahead, behind = at(places + step * edges), at(places - step * edges)
+            return at(places), (ahead - behind) / (2.0 * step)
 
-        return isosurface(inside_out, box, LEVEL)
+        return isosurface(inside_out, box, level)
 
-    def _found(self, places: Floats) -> tuple[Floats, Floats]:
-        """What observations add to the ball: never the whole matrix between the places."""
+    def _corrections(self, places: Floats) -> tuple[Floats, Floats]:
+        """Values and gradients that observations add to the ball, without the whole matrix."""
         value, slope = self._weights[:, 0], self._weights[:, 1:]
         squares = (places**2).sum(axis=1)[:, None] + (self._places**2).sum(axis=1)
         r = np.sqrt(np.maximum(squares - 2.0 * places @ self._places.T, 0.0))
         k, g, h = self._kernel(r)
         along = places @ slope.T - np.einsum("mi,mi->m", self._places, slope)  # d . slope
-        # A gradient's part, -g d . slope; the derivatives of all that by the place.
-        more = k @ value - (g * along).sum(axis=1)
+        # The gradients' part is -g d . slope.
+        added = k @ value - (g * along).sum(axis=1)
         # -(g d . slope)' = -h (d . slope) d - g slope, for (k' / r)' = h r.
-        away = g * value - h * along
-        steeper = away.sum(axis=1)[:, None] * places - away @ self._places - g @ slope
-        return more, steeper
+        radial = g * value - h * along
+        gradient = radial.sum(axis=1)[:, None] * places - radial @ self._places - g @ slope
+        return added, gradient
 
 
-def covariance_block(kernel: Kernel, one: Floats, other: Floats, gradients: bool) -> Floats:
-    """Covariance between places (n, 3) and (m, 3).
+def covariance_block(kernel: Kernel, first: Floats, second: Floats, has_gradients: bool) -> Floats:
+    """Covariance between places (n, 3) and (m, 3): of values (n, m), or also of gradients.
 
-    Returns (4 n, 4 m), of each place first the value and then the gradient.
+    The latter has shape (4 n, 4 m), for each place first the value and then the gradient.
     """
-    away = one[:, None] - other[None]
-    k, g, h = kernel(np.sqrt(np.einsum("nmi,nmi->nm", away, away)))
-    if not gradients:
+    offsets = first[:, None] - second[None]
+    k, g, h = kernel(np.sqrt(np.einsum("nmi,nmi->nm", offsets, offsets)))
+    if not has_gradients:
         return k
-    found = np.empty((len(one), 4, len(other), 4))
-    found[:, 0, :, 0] = k
-    toward = -g[..., None] * away
-    found[:, 0, :, 1:] = toward
-    found[:, 1:, :, 0] = -toward.transpose(0, 2, 1)
+    block = np.empty((len(first), 4, len(second), 4))
+    block[:, 0, :, 0] = k
+    toward = -g[..., None] * offsets
+    block[:, 0, :, 1:] = toward
+    block[:, 1:, :, 0] = -toward.transpose(0, 2, 1)
     for i in range(3):
         for j in range(3):
-            found[:, 1 + i, :, 1 + j] = -h * away[..., i] * away[..., j] - (g if i == j else 0.0)
-    return found.reshape(4 * len(one), 4 * len(other))
+            block[:, 1 + i, :, 1 + j] = -h * offsets[..., i] * offsets[..., j] - (
+                g if i == j else 0.0
+            )
+    return block.reshape(4 * len(first), 4 * len(second))
 
 
 def matern(length: float) -> Kernel:
-    """Matern, nu = 5/2, whose gradients have unit variance: of a distance, in its own unit."""
+    """Matern kernel, nu = 5/2, with gradients of unit variance; `length` as the distances [m]."""
 
     def parts(r: Floats) -> tuple[Floats, Floats, Floats]:
         s = np.sqrt(5.0) / length * r
@@ -329,10 +379,10 @@ class CholeskyFactor:
     """Lower factor L of a positive definite matrix L L'."""
 
     def __init__(self) -> None:
-        self.lower = np.zeros((0, 0))  # L, whole and in rows: scipy copies no such factor
+        self.lower = np.zeros((0, 0))  # L, contiguous by rows, which scipy does not copy
 
     def append(self, across: Floats, own: Floats) -> None:
-        """Add rows: their covariance with those before, (m, size), and their own, (m, m)."""
+        """Add rows: their covariance with earlier ones (m, size), and among themselves (m, m)."""
         left = self.half(across.T).T
         corner = cholesky(own - left @ left.T, lower=True)
         self.lower = np.block([[self.lower, np.zeros_like(left.T)], [left, corner]])

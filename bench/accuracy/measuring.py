@@ -1,10 +1,11 @@
-"""What accuracy costs: every method on every object, in two processes, and the sheet."""
+"""Costs of accuracy: every method on every object, in two processes, and the sheet."""
 
 from __future__ import annotations
 
 import signal
 import sys
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
 
@@ -13,19 +14,43 @@ import numpy as np
 from palpate.bench.accuracy import methods, statistics
 from palpate.bench.accuracy.runs import Final, Run, RunsFile, read_runs
 from palpate.bench.accuracy.sheet import write_sheet
+from palpate.bench.accuracy.statistics import TARGETS
 from palpate.bench.explored import EXPLORED_OBJECTS
 from palpate.bench.table import Row, at_least, at_most, figure
 from palpate.launch.files.source_map import InputError
 
 FOLDER, FILE = "bench-tolerance", "results.json"
-SHARES, QUICK_SHARES = (0.01, 0.005, 0.002, 0.001, 0.0005), (0.01, 0.002, 0.0005)
-SEEDS, QUICK_SEEDS = 3, 1
-QUICK_OBJECTS = ("egg", "vase", "box", "bottle")
 SMOOTH = ("sphere", "ellipsoid", "egg", "bottle", "vase", "pear", "hourglass", "potato")
-QUICK_TOUCHES = 100  # At which a method without an end of its own is ended
-PROCESSES = 2
-STRICT, MIDDLE, MOST_MIDDLE = 0.003, 0.005, 90  # Targets, over the height; and touches
-MOST_LOOSE, LEAST_HELD = 0.45, 0.90
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AccuracySettings:
+    """What is explored."""
+
+    objects: tuple[str, ...] = tuple(EXPLORED_OBJECTS)
+    shares: tuple[float, ...] = (0.01, 0.005, 0.002, 0.001, 0.0005)  # tolerances over the height
+    n_seeds: int = 3
+    max_touches: int = 200  # of a method that does not end by itself
+    n_processes: int = 2
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AccuracyDemands:
+    """What is demanded of palpate; targets are errors as fractions of the height."""
+
+    dominated_below: float = 0.003  # targets at which no method may be cheaper
+    middle_target: float = 0.005  # of smooth objects
+    max_middle_touches: int = 90  # to reach that
+    max_loose_ratio: float = 0.45  # of touches at the loosest over those at the strictest tolerance
+    min_held: float = 0.90  # share of bounds of 95 % that hold
+
+
+QUICK_ACCURACY = AccuracySettings(
+    objects=("egg", "vase", "box", "bottle"),
+    shares=(0.01, 0.002, 0.0005),
+    n_seeds=1,
+    max_touches=100,
+)
 
 
 def accuracy_rows(
@@ -37,93 +62,99 @@ def accuracy_rows(
     add: Sequence[Path] = (),
     method: Sequence[str] = (),
 ) -> Iterator[Row | str]:
-    """Make the runs that are missing, draw the sheet, and tell what is demanded.
+    """Make the runs that are missing, draw the sheet, and compare with what is demanded.
 
-    `sheet`: folder of runs and sheet. `cost`: against which is drawn. `meshes`: folder of those
-    that are explored, too. `add`: files of runs of other methods. `method`: functions that are
-    methods, too.
+    `sheet`: folder of runs and sheet. `cost`: the axis of the sheet. `meshes`: folder of meshes to
+    explore as well. `add`: files of runs of other methods. `method`: functions that are methods as
+    well.
     """
+    settings = QUICK_ACCURACY if quick else AccuracySettings()
     added = [read_runs(path) for path in add]
-    names = [
+    installed = [
         name
         for name in methods.CONTENDERS
         if name != methods.POISSON or methods.poisson_installed()
     ]
-    absent = [name for name in methods.CONTENDERS if name not in names]
+    absent = [name for name in methods.CONTENDERS if name not in installed]
     if ":" in "".join(method) and str(Path.cwd()) not in sys.path:
-        sys.path.append(str(Path.cwd()))  # where a planner of one's own is looked for, too
-    wanted = (*names, *method)
-    units = units_of(quick, wanted, meshes)
-    folder = sheet or Path(FOLDER)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"--sheet: {folder} cannot be made: {error.strerror}") from None
-    told = {name: methods.contender_of(name).told for name in wanted}
-    file = RunsFile(folder / FILE, told, absent)
-    for name in {one for other in added for one in other.methods} & {*file.content.methods}:
+        sys.path.append(str(Path.cwd()))  # for methods of the user
+    names = (*installed, *method)
+    units = units_of(settings, names, meshes)
+    folder = _made_folder(sheet or Path(FOLDER))
+    descriptions = {name: methods.contender_of(name).description for name in names}
+    file = RunsFile(folder / FILE, descriptions, absent)
+    for name in {name for other in added for name in other.methods} & {*file.content.methods}:
         raise InputError(f"--add: there is a method {name!r} already; call it something else")
     yield f"methods that are not installed: {', '.join(absent) or 'none'}"
-    yield from _make_runs(file, [one for one in units if not _is_made(one, file.content.runs)])
+    missing = [unit for unit in units if not _is_made(unit, file.content.runs)]
+    yield from _make_runs(file, missing, settings.n_processes)
     runs = [*file.content.runs, *(run for other in added for run in other.runs)]
     write_sheet(folder, runs, methods.OURS, cost)
     yield f"{folder / FILE}, sheet.svg, sheet.png"
     yield from sheet_rows(runs)
 
 
-def units_of(quick: bool, names: Sequence[str], meshes: Path | None) -> list[methods.Unit]:
-    """Everything that is to be measured, object by object."""
-    objects = [*(QUICK_OBJECTS if quick else EXPLORED_OBJECTS)]
-    objects += methods.meshes_in(meshes) if meshes else []
-    shares, seeds = (QUICK_SHARES, QUICK_SEEDS) if quick else (SHARES, SEEDS)
-    most = QUICK_TOUCHES if quick else methods.CHECKPOINTS[-1]
+def _made_folder(folder: Path) -> Path:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"--sheet: {folder} cannot be made: {error.strerror}") from None
+    return folder
+
+
+def units_of(
+    settings: AccuracySettings, names: Sequence[str], meshes: Path | None
+) -> list[methods.Unit]:
+    """All units of work, object by object."""
+    objects = [*settings.objects, *(methods.meshes_in(meshes) if meshes else [])]
+    shares, most = settings.shares, settings.max_touches
     together = tuple(name for name in names if name in methods.TOGETHER)
     groups = [together, *((name,) for name in names if name not in methods.TOGETHER)]
     return [
         methods.Unit(group, name, seed, share, most, meshes)
         for name in objects
-        for seed in range(seeds)
+        for seed in range(settings.n_seeds)
         for group in groups
-        for share in (shares if methods.contender_of(group[0]).asked else shares[-1:])
+        for share in (shares if methods.contender_of(group[0]).has_tolerance else shares[-1:])
     ]
 
 
 def _is_made(unit: methods.Unit, runs: Sequence[Run]) -> bool:
-    """Whether all runs of a unit are there."""
-    there = {
+    """Whether all runs of a unit exist."""
+    made = {
         run.method
         for run in runs
         if (run.object, run.seed) == (unit.object, unit.seed)
         and (run.tolerance_m is None or np.isclose(run.tolerance_m, unit.share * run.size_m))
     }
-    return there >= set(unit.methods)
+    return made >= set(unit.methods)
 
 
-def _make_runs(file: RunsFile, units: Sequence[methods.Unit]) -> Iterator[str]:
-    """Make the runs of units, keep each, and say so; what is finished stays after Ctrl-C."""
+def _make_runs(file: RunsFile, units: Sequence[methods.Unit], n_processes: int) -> Iterator[str]:
+    """Make the runs of units, a line for each; finished runs are kept after Ctrl-C."""
     if not units:
         return
-    with get_context("forkserver").Pool(min(PROCESSES, len(units)), _ignore_interrupts) as pool:
+    with get_context("forkserver").Pool(min(n_processes, len(units)), _ignore_interrupts) as pool:
         for number, made in enumerate(pool.imap_unordered(methods.runs_of, units), 1):
             file.add(made)
-            ends = ", ".join(_told(run) for run in made)
+            ends = ", ".join(_run_text(run) for run in made)
             first = made[0]
             yield f"{number} of {len(units)}: {first.object}, seed {first.seed}: {ends}"
 
 
 def _ignore_interrupts() -> None:
-    """The first process ends the others."""
+    """Leave Ctrl-C to the first process, which ends the others."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
-def _told(run: Run) -> str:
+def _run_text(run: Run) -> str:
     if not run.curve:
         return f"{run.method} FAILED: {run.failed}"
     return f"{run.method} {100 * run.error:.3f} % in {run.curve[-1].touches}"
 
 
 def sheet_rows(runs: Sequence[Run]) -> Iterator[Row]:
-    """Medians and shares of every method, and what is demanded of ours."""
+    """Medians and shares of every method, and what is demanded of palpate."""
     table = statistics.table_of(runs)
     if not any(table.values()):
         raise InputError("no object and seed was explored by every method: nothing compares")
@@ -144,22 +175,22 @@ def _method_rows(name: str, entries: Mapping[statistics.Entry, Sequence[Run]]) -
         some = [r for r in runs if f"{100 * (r.tolerance_m or 0) / r.size_m:.3g}" == share]
         lasts = [run.curve[-1] for run in some]
         touches, robot, compute = (
-            float(np.median([one.cost(which) for one in lasts]))
-            for which in ("touches", "robot", "compute")
+            float(np.median([last.cost(cost) for last in lasts]))
+            for cost in ("touches", "robot", "compute")
         )
         error = 100.0 * float(np.median([run.error for run in some]))
         title = f"{name}, {'to its end' if share == '0' else f'asked for {share} %'}"
         shown = f"{error:.3f} %, {touches:.0f}, {robot:.0f} s, {compute:.0f} s"
         yield Row(f"{title}: rms, touches, robot, processor", shown)
         if finals := [run.final for run in some if run.final is not None]:
-            yield Row(f"{title}: two-way sum, F at 1 and 5 mm", _told_finals(finals))
+            yield Row(f"{title}: two-way sum, F at 1 and 5 mm", _finals_text(finals))
     stages: dict[str, list[float]] = {}
     for run in runs:
         for count, touched in (run.final.touched_5mm if run.final else {}).items():
             stages.setdefault(count, []).append(touched)
-    told = [f"{count}: {np.median(stages[count]):.0%}" for count in sorted(stages, key=int)]
-    if told:
-        yield Row(f"{name}: surface within 5 mm of a touch", ", ".join(told))
+    texts = [f"{count}: {np.median(stages[count]):.0%}" for count in sorted(stages, key=int)]
+    if texts:
+        yield Row(f"{name}: surface within 5 mm of a touch", ", ".join(texts))
     costs = np.concatenate([*statistics.target_costs(entries, "touches").values()])
     yield figure(f"{name}: targets reached", float(np.isfinite(costs).mean()), ".0%")
     if len(pairs := statistics.stated_and_true(entries)):
@@ -167,16 +198,17 @@ def _method_rows(name: str, entries: Mapping[statistics.Entry, Sequence[Run]]) -
         yield figure(f"{name}: bound of 95 % held, of {len(pairs)}", held, ".0%")
 
 
-def _told_finals(finals: Sequence[Final]) -> str:
+def _finals_text(finals: Sequence[Final]) -> str:
     summed, near, far = (
-        float(np.median([getattr(one, field) for one in finals]))
+        float(np.median([getattr(final, field) for final in finals]))
         for field in ("chamfer_sum_m", "f_score_1mm", "f_score_5mm")
     )
     return f"{1e3 * summed:.3f} mm, {near:.3f}, {far:.3f}"
 
 
 def _demand_rows(table: statistics.Table) -> Iterator[Row]:
-    ours, strict = table[methods.OURS], statistics.TARGETS[statistics.TARGETS < STRICT]
+    demands, ours = AccuracyDemands(), table[methods.OURS]
+    strict = TARGETS[np.less(TARGETS, demands.dominated_below)]
     for name, entries in table.items():
         if name == methods.OURS:
             continue
@@ -185,28 +217,31 @@ def _demand_rows(table: statistics.Table) -> Iterator[Row]:
             for target in strict.tolist()
             if not statistics.dominated_at(
                 *(
-                    statistics.target_costs(one, "touches", np.array([target]))
-                    for one in (ours, entries)
+                    statistics.target_costs(runs, "touches", np.array([target]))
+                    for runs in (ours, entries)
                 )
             )
         ]
-        where = f" (not at {', '.join(f'{100 * one:.2g}' for one in worse)} %)" if worse else ""
+        missed = ", ".join(f"{100 * target:.2g}" for target in worse)
+        where = f" (not at {missed} %)" if worse else ""
         yield Row(
-            f"palpate dominates {name} at targets below {100 * STRICT:g} %",
+            f"palpate dominates {name} at targets below {100 * demands.dominated_below:g} %",
             *(f"{len(strict) - len(worse)} of {len(strict)}{where}", "all", not worse),
         )
     if len(pairs := statistics.stated_and_true(ours)):
         held = statistics.held_share(pairs)
-        yield at_least("palpate: bound of 95 % holds", held, LEAST_HELD, ".0%")
+        yield at_least("palpate: bound of 95 % holds", held, demands.min_held, ".0%")
     smooth = {entry: runs for entry, runs in ours.items() if entry[0] in SMOOTH}
     if smooth:
-        costs = statistics.target_costs(smooth, "touches", np.array([MIDDLE]))
-        most = max(float(np.median(one)) for one in costs.values())
-        title = f"{100 * MIDDLE:g} % on {len(costs)} smooth objects: touches, most"
-        yield at_most(title, most, MOST_MIDDLE, ".0f")
+        target = demands.middle_target
+        costs = statistics.target_costs(smooth, "touches", np.array([target]))
+        most = max(float(np.median(touches)) for touches in costs.values())
+        title = f"{100 * target:g} % on {len(costs)} smooth objects: touches, most"
+        yield at_most(title, most, demands.max_middle_touches, ".0f")
     ratios = [_loose_over_strict(runs) for runs in ours.values()]
-    title = f"touches at {100 * SHARES[0]:g} % over those at {100 * SHARES[-1]:g} %, median"
-    yield at_most(title, float(np.median(ratios)), MOST_LOOSE, ".2f")
+    loose, strictest = (100 * AccuracySettings().shares[i] for i in (0, -1))
+    title = f"touches at {loose:g} % over those at {strictest:g} %, median"
+    yield at_most(title, float(np.median(ratios)), demands.max_loose_ratio, ".2f")
 
 
 def _loose_over_strict(runs: Sequence[Run]) -> float:

@@ -1,6 +1,6 @@
-"""Runs in a file: the error of each model on the way, against what it took.
+"""Runs in a file: the error of each model of an exploration, and what it costs.
 
-docs/benchmark.md tells the format to those who write it with other programs.
+docs/benchmark.md describes the format for those who write it with other programs.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from palpate.bench.results import read_form, this_machine, write_form
 from palpate.launch.files.source_map import InputError
 
 FORM, VERSION = "palpate tolerance", 1
-# What the runs depend on, in a checkout.
+# Sources on which runs depend, in a checkout.
 SOURCES = (
     *("core", "messages", "nodes", "launch", "bench/loop.py"),
     *("bench/harness.py", "bench/explored.py"),
@@ -29,22 +29,22 @@ Name = Annotated[str, Meta(min_length=1, max_length=300)]
 
 
 class Point(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A model on the way, and what it took."""
+    """Error and cost of a model."""
 
-    touches: Annotated[int, Meta(ge=0)]  # Of all fingers, those of a grasp apart
-    robot_time_s: Cost  # Grasp included
+    touches: Annotated[int, Meta(ge=0)]  # Of all fingers, without those of a grasp
+    robot_time_s: Cost  # With that of the grasp
     compute_s: Cost  # Of one processor, without scoring
     rms_m: Length  # Root mean square distance, as in docs/distances.md
     chamfer_m: Length  # Mean of the two one-way mean distances
-    bound_m: Length | None = None  # What the method states of `rms_m`; null if nothing
+    bound_m: Length | None = None  # Stated bound of `rms_m`; null without one
 
     def cost(self, which: str) -> float:
-        """Touches, or seconds of robot or computer: what its name begins with says which."""
+        """The cost that `which` names: ``touches``, ``robot`` or ``compute``."""
         return {"touches": self.touches, "robot": self.robot_time_s}.get(which, self.compute_s)
 
 
 class Final(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What other papers print of the last model."""
+    """Figures of the last model as other papers give them."""
 
     chamfer_sum_m: Length  # Sum of the two one-way mean distances
     f_score_1mm: Annotated[float, Meta(ge=0.0, le=1.0)]  # Harmonic mean of precision and recall
@@ -54,17 +54,17 @@ class Final(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Run(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """One exploration; its last point is what it ended with."""
+    """One exploration; its last point is that of its last model."""
 
     method: Name
     object: Name
     seed: int
-    tolerance_m: Annotated[float, Meta(gt=0.0)] | None  # That was asked for; null: it takes none
+    tolerance_m: Annotated[float, Meta(gt=0.0)] | None  # null if the method takes none
     size_m: Annotated[float, Meta(gt=0.0)]  # Height of the object
     sampling_floor_m: Length
-    curve: tuple[Point, ...]  # In the order made; none of a run that failed
+    curve: tuple[Point, ...]  # In the order of the models; empty for a failed run
     final: Final | None
-    failed: str = ""  # Why, if it did
+    failed: str = ""  # Reason, for a failed run
 
     def __post_init__(self) -> None:
         for before, after in zip(self.curve, self.curve[1:], strict=False):
@@ -77,13 +77,13 @@ class Run(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def key(self) -> tuple[str, str, int, float | None]:
-        """What no other run of a file shares: method, object, seed, tolerance in um."""
-        asked = self.tolerance_m
-        return self.method, self.object, self.seed, None if asked is None else round(1e6 * asked, 3)
+        """Unique in a file: method, object, seed, and tolerance in um."""
+        tolerance = None if self.tolerance_m is None else round(1e6 * self.tolerance_m, 3)
+        return self.method, self.object, self.seed, tolerance
 
     @property
     def error(self) -> float:
-        """Root mean square error of the last model over the height; infinite if there is none."""
+        """Root mean square error of the last model over the height; infinite without a model."""
         return self.curve[-1].rms_m / self.size_m if self.curve else float("inf")
 
 
@@ -92,30 +92,30 @@ class Runs(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     form: str
     version: int
-    methods: Mapping[Name, str]  # What each is, in a sentence
+    methods: Mapping[Name, str]  # A sentence about each
     runs: tuple[Run, ...]
     machine: Mapping[str, Any] = {}
-    absent: tuple[str, ...] = ()  # Methods that were not to be had
-    sources: str = ""  # Digest of the palpate that explored
+    absent: tuple[str, ...] = ()  # Methods that were not installed
+    sources: str = ""  # Digest of palpate's sources
 
 
 def read_runs(path: Path) -> Runs:
     """The runs in a file; raises InputError if it holds none, or of another version."""
-    found = read_form(path, FORM, VERSION, Runs)
-    keys = [one.key for one in found.runs]
+    content = read_form(path, FORM, VERSION, Runs)
+    keys = [run.key for run in content.runs]
     if len(set(keys)) < len(keys):
         double = next(key for key in keys if keys.count(key) > 1)
         raise InputError(f"{path}: has the run {double} more than once")
-    for one in found.runs:
-        if one.method not in found.methods:
-            raise InputError(f"{path}: methods says nothing of {one.method!r}, which has runs")
-    return found
+    for run in content.runs:
+        if run.method not in content.methods:
+            raise InputError(f"{path}: {run.method!r} has runs but is missing in methods")
+    return content
 
 
 class RunsFile:
-    """Runs as they are made, written anew after each few; those that are there already are kept.
+    """Runs as they are made; rewrites their file after each addition, and keeps earlier runs.
 
-    Raises InputError if what is there was explored by other sources of palpate.
+    Raises InputError if the earlier runs were made by other sources of palpate.
     """
 
     def __init__(self, path: Path, methods: Mapping[str, str], absent: Iterable[str]) -> None:
@@ -128,13 +128,13 @@ class RunsFile:
         self.content = head
 
     def add(self, made: Iterable[Run]) -> None:
-        """Keep some more."""
+        """Add runs, and write the file."""
         self.content = msgspec.structs.replace(self.content, runs=(*self.content.runs, *made))
         write_form(self.path, self.content)
 
 
 def check_sources(path: Path, sources: str) -> None:
-    """Refuse a file of runs of other sources than these; raises InputError."""
+    """Raise InputError if the digest of a file's runs is not that of these sources."""
     if sources != sources_digest():
         raise InputError(
             f"{path}: was measured with another palpate; name another folder with --sheet, or "
@@ -143,7 +143,7 @@ def check_sources(path: Path, sources: str) -> None:
 
 
 def sources_digest() -> str:
-    """SHA-256 of everything that explores."""
+    """SHA-256 of all sources on which runs depend."""
     digest, root = hashlib.sha256(), Path(__file__).parents[2]
     for place in SOURCES:
         top = root / place

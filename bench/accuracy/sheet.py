@@ -1,4 +1,4 @@
-"""One sheet for one question: what accuracy costs, by whichever method."""
+"""A sheet of three diagrams: what accuracy costs by each method."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ COSTS = {
     "robot": "robot time, s (grasp included)",
     "compute": "processor time, s (simulation included)",
 }
-MARKS, GRID = "osvD^P*X", 400
+MARKS = "osvD^P*X"
 
 
 def write_sheet(folder: Path, runs: Sequence[Run], first: str, which: str) -> None:
@@ -32,7 +32,7 @@ def write_sheet(folder: Path, runs: Sequence[Run], first: str, which: str) -> No
 
 @charts.styled
 def draw_sheet(runs: Sequence[Run], first: str, which: str) -> Figure:
-    """Targets reached, work against precision, and what is stated against what is true."""
+    """Targets reached, work against precision, and stated against true errors."""
     table = statistics.table_of(runs)
     names = sorted(table, key=lambda name: (name != first, name))
     looks = {
@@ -50,25 +50,30 @@ def draw_sheet(runs: Sequence[Run], first: str, which: str) -> Figure:
     _draw_honesty(right, table, looks)
     objects = sorted({name for name, _ in table[names[0]]})
     seeds = len({seed for _, seed in table[names[0]]})
-    told = ", ".join(objects) if len(objects) <= 6 else f"{len(objects)} objects"
-    figure.suptitle(f"What accuracy costs: {told}; {seeds} seed{'s' * (seeds > 1)}, default noise")
+    shown = ", ".join(objects) if len(objects) <= 6 else f"{len(objects)} objects"
+    figure.suptitle(f"What accuracy costs: {shown}; {seeds} seed{'s' * (seeds > 1)}, default noise")
     return figure
 
 
 def _draw_reached(
-    axes: Any, table: statistics.Table, looks: Mapping[str, dict[str, Any]], which: str
+    axes: Any,
+    table: statistics.Table,
+    looks: Mapping[str, dict[str, Any]],
+    which: str,
+    n_costs: int = 400,
 ) -> None:
-    found = {name: statistics.target_costs(entries, which) for name, entries in table.items()}
-    every = np.concatenate([one.ravel() for some in found.values() for one in some.values()])
-    finite = every[np.isfinite(every) & (every > 0.0)]
+    costs = {name: statistics.target_costs(entries, which) for name, entries in table.items()}
+    values = np.concatenate([c.ravel() for by_name in costs.values() for c in by_name.values()])
+    finite = values[np.isfinite(values) & (values > 0.0)]
     low, high = (finite.min(), finite.max()) if len(finite) else (1.0, 10.0)
-    grid = np.geomspace(0.8 * low, 1.25 * high, GRID)
+    grid = np.geomspace(0.8 * low, 1.25 * high, n_costs)
     for name, look in looks.items():
-        one = statistics.reached_share(found[name], grid)
+        reached = statistics.reached_share(costs[name], grid)
         color, mark, order = look["color"], look["marker"], look["zorder"]
-        axes.step(grid, one.share, where="post", color=color, lw=2.0, zorder=order)
-        axes.fill_between(grid, one.low, one.high, step="post", color=color, alpha=0.12, lw=0)
-        axes.plot(grid[-1], one.share[-1], mark, color=color, clip_on=False, label=name)
+        axes.step(grid, reached.share, where="post", color=color, lw=2.0, zorder=order)
+        band = {"step": "post", "color": color, "alpha": 0.12, "lw": 0}
+        axes.fill_between(grid, reached.low, reached.high, **band)
+        axes.plot(grid[-1], reached.share[-1], mark, color=color, clip_on=False, label=name)
     axes.set(xscale="log", xlabel=COSTS[which], ylim=(0.0, 1.0), xlim=(grid[0], grid[-1]))
     charts.log_ticks(axes, "x")
     loose, strict = 100 * statistics.TARGETS[[0, -1]]
@@ -87,26 +92,27 @@ def _draw_work(
         spreads = statistics.work_precision(table[name], which)
         if not spreads:
             continue
-        middle = np.array([[one.cost[1], 100.0 * one.error[1]] for one in spreads])
+        middle = np.array([[spread.cost[1], 100.0 * spread.error[1]] for spread in spreads])
         medians.append(middle)
         axes.errorbar(
             *(*middle.T, _bars(spreads, "error", 100.0), _bars(spreads, "cost", 1.0)),
             **{"lw": 1.5, "elinewidth": 0.6, "ms": 6.0, **look},
         )
     if medians:
-        every = np.concatenate(medians)
-        front = np.unique(every[pareto_front(*every.T)], axis=0)  # from the cheapest on
+        points = np.concatenate(medians)
+        front = np.unique(points[pareto_front(*points.T)], axis=0)  # from the cheapest on
         axes.plot(*front.T, color=charts.INK, lw=5.0, alpha=0.25, zorder=2.0, label="Pareto front")
     floors = [
         run.sampling_floor_m / run.size_m
-        for one in table.values()
-        for some in one.values()
-        for run in some
+        for entries in table.values()
+        for runs in entries.values()
+        for run in runs
     ]
-    axes.axhspan(1e-9, 100.0 * float(np.median(floors)), color=charts.GRID, zorder=1.0)
-    lowest = min((float(one[:, 1].min()) for one in medians), default=1e-2)
+    floor = 100.0 * float(np.median(floors))
+    axes.axhspan(1e-9, floor, color=charts.GRID, zorder=1.0)
+    lowest = min((float(middle[:, 1].min()) for middle in medians), default=1e-2)
     axes.set(xscale="log", yscale="log", xlabel=COSTS[which], ylabel="rms error, % of the height")
-    axes.set_ylim(bottom=0.5 * min(lowest, 100.0 * float(np.median(floors))))
+    axes.set_ylim(bottom=0.5 * min(lowest, floor))
     charts.log_ticks(axes)
     axes.set_title("b. work and precision: medians, quartiles; grey: sampling floor")
     axes.legend(loc="lower left")
@@ -115,7 +121,7 @@ def _draw_work(
 
 def _bars(spreads: Sequence[statistics.Spread], field: str, scale: float) -> Floats:
     """Distances (2, n) of the quartiles from the medians."""
-    low, middle, high = scale * np.array([getattr(one, field) for one in spreads]).T
+    low, middle, high = scale * np.array([getattr(spread, field) for spread in spreads]).T
     return np.array([middle - low, high - middle])
 
 

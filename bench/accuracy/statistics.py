@@ -1,7 +1,7 @@
-"""What is counted of many runs: targets reached, errors against costs, bounds that held.
+"""Statistics of many runs: targets reached, errors against costs, bounds that hold.
 
-Shares of targets against cost are Hansen et al., *COCO: performance assessment*, 2016; bands are
-those of a bootstrap over objects, for it is objects that another set would differ in.
+Shares of targets against cost are those of Hansen et al., *COCO: performance assessment*, 2016;
+bands are those of a bootstrap over objects, because another benchmark would have other objects.
 """
 
 from __future__ import annotations
@@ -17,36 +17,35 @@ from palpate.bench.accuracy.runs import Run
 from palpate.core.arrays import Floats
 
 TARGETS = np.geomspace(1e-2, 1e-4, 15)  # Root mean square errors over the height
-DRAWS, SEED, BAND = 1000, 0, (2.5, 97.5)  # Of the bootstrap, and its percentiles
-SAME = 1.0 + 1e-6  # A tolerance is asked for as a share of the height, and kept in m
+ROUNDING = 1.0 + 1e-6  # Of a tolerance: a share of the height that is stored in m
 
 Entry = tuple[str, int]  # Object and seed
 Table = Mapping[str, Mapping[Entry, Sequence[Run]]]  # Runs by method and entry
 
 
 def table_of(runs: Iterable[Run]) -> Table:
-    """Runs by method, and by the objects and seeds that all methods have."""
-    found: dict[str, dict[Entry, list[Run]]] = defaultdict(lambda: defaultdict(list))
+    """Runs by method, and by those objects and seeds that all methods explored."""
+    table: dict[str, dict[Entry, list[Run]]] = defaultdict(lambda: defaultdict(list))
     for run in runs:
-        found[run.method][run.object, run.seed].append(run)
-    common = set.intersection(*(set(entries) for entries in found.values())) if found else set()
+        table[run.method][run.object, run.seed].append(run)
+    common = set.intersection(*(set(entries) for entries in table.values())) if table else set()
     return {
         method: {entry: entries[entry] for entry in sorted(common)}
-        for method, entries in found.items()
+        for method, entries in table.items()
     }
 
 
 def run_for(runs: Sequence[Run], target: float) -> Run:
-    """The run whose tolerance one asks for who wants this: no looser one, else the strictest."""
-    known = sorted(runs, key=lambda one: one.tolerance_m or math.inf)
-    fits = [one for one in known if (one.tolerance_m or 0.0) <= target * one.size_m * SAME]
+    """The run with the loosest tolerance within a target, else that with the strictest."""
+    known = sorted(runs, key=lambda run: run.tolerance_m or math.inf)
+    fits = [run for run in known if (run.tolerance_m or 0.0) <= target * run.size_m * ROUNDING]
     return fits[-1] if fits else known[0]
 
 
 def cost_to_reach(runs: Sequence[Run], target: float, which: str) -> float:
-    """Cost of the first model within a target, in the run for it; infinite if none is."""
-    one = run_for(runs, target)
-    good = (point for point in one.curve if point.rms_m <= target * one.size_m)
+    """Cost of the first model within a target, in the run for it; infinite without one."""
+    run = run_for(runs, target)
+    good = (point for point in run.curve if point.rms_m <= target * run.size_m)
     return next((point.cost(which) for point in good), math.inf)
 
 
@@ -54,27 +53,32 @@ def target_costs(
     entries: Mapping[Entry, Sequence[Run]], which: str, targets: Floats = TARGETS
 ) -> dict[str, Floats]:
     """Costs (seeds, targets) to reach each target, by object."""
-    found: dict[str, list[list[float]]] = defaultdict(list)
+    costs: dict[str, list[list[float]]] = defaultdict(list)
     for (name, _), runs in entries.items():
-        found[name].append([cost_to_reach(runs, target, which) for target in targets.tolist()])
-    return {name: np.array(costs) for name, costs in found.items()}
+        costs[name].append([cost_to_reach(runs, target, which) for target in targets.tolist()])
+    return {name: np.array(rows) for name, rows in costs.items()}
 
 
 class ReachedShare(NamedTuple):
     """Share of (object, seed, target) that is reached, (n,) each."""
 
-    costs: Floats  # At which it is told
-    share: Floats
+    costs: Floats
+    share: Floats  # At each cost
     low: Floats  # Of the band of 95 %
     high: Floats
 
 
-def reached_share(costs: Mapping[str, Floats], grid: Floats) -> ReachedShare:
-    """The share of targets reached at each cost of a grid, with its band over objects."""
-    each = np.array([(one.ravel()[:, None] <= grid).mean(axis=0) for one in costs.values()])
-    drawn = np.random.default_rng(SEED).integers(len(each), size=(DRAWS, len(each)))
-    low, high = np.percentile(each[drawn].mean(axis=1), BAND, axis=0)
-    return ReachedShare(grid, each.mean(axis=0), low, high)
+def reached_share(
+    costs: Mapping[str, Floats], grid: Floats, n_draws: int = 1000, seed: int = 0
+) -> ReachedShare:
+    """The share of targets reached at each cost of a grid, with its band over objects.
+
+    `n_draws` and `seed`: of the bootstrap.
+    """
+    shares = np.array([(c.ravel()[:, None] <= grid).mean(axis=0) for c in costs.values()])
+    drawn = np.random.default_rng(seed).integers(len(shares), size=(n_draws, len(shares)))
+    low, high = np.percentile(shares[drawn].mean(axis=1), (2.5, 97.5), axis=0)
+    return ReachedShare(grid, shares.mean(axis=0), low, high)
 
 
 class Spread(NamedTuple):
@@ -85,26 +89,26 @@ class Spread(NamedTuple):
 
 
 def work_precision(entries: Mapping[Entry, Sequence[Run]], which: str) -> list[Spread]:
-    """One for each tolerance, the loosest first; without tolerances, one for each model made.
+    """Spreads for each tolerance, the loosest first; without tolerances, for each model.
 
-    A method that takes none is ended by its user: each model on its way is a setting.
+    A method without tolerance is ended by its user: each of its models is a setting.
     """
     runs = [run for some in entries.values() for run in some if run.curve]
     pairs: dict[float, list[tuple[float, float]]] = defaultdict(list)
     for run in runs:
         if run.tolerance_m is not None:
-            asked = float(f"{run.tolerance_m / run.size_m:.3g}")
-            pairs[-asked].append((run.curve[-1].cost(which), run.error))
+            share = float(f"{run.tolerance_m / run.size_m:.3g}")
+            pairs[-share].append((run.curve[-1].cost(which), run.error))
         else:
             for i, point in enumerate(run.curve):
                 pairs[i].append((point.cost(which), point.rms_m / run.size_m))
     most = max((len(some) for some in pairs.values()), default=0)
-    found = []
+    spreads = []
     for _, some in sorted(pairs.items()):
-        if 2 * len(some) > most:  # of models that only long runs made, nobody can compare
+        if 2 * len(some) > most:  # models of the longest runs alone are not comparable
             cost, error = np.percentile(np.array(some), (25, 50, 75), axis=0).T
-            found.append(Spread(cost, error))
-    return found
+            spreads.append(Spread(cost, error))
+    return spreads
 
 
 def stated_and_true(entries: Mapping[Entry, Sequence[Run]]) -> Floats:
@@ -115,14 +119,14 @@ def stated_and_true(entries: Mapping[Entry, Sequence[Run]]) -> Floats:
 
 
 def held_share(pairs: Floats) -> float:
-    """Share of the errors that are below what is stated."""
+    """Share of the errors that are at most the stated bound."""
     return float(np.mean(pairs[:, 1] <= pairs[:, 0]))
 
 
 def dominated_at(ours: Mapping[str, Floats], other: Mapping[str, Floats]) -> bool:
-    """Whether at no cost more of the other's entries reach a target than of ours.
+    """Whether at each cost as many of our entries reach a target as of the other method's.
 
     Costs (seeds, 1) by object, of the same objects.
     """
-    mine, theirs = (np.sort(np.concatenate([*one.values()]).ravel()) for one in (ours, other))
+    mine, theirs = (np.sort(np.concatenate([*costs.values()]).ravel()) for costs in (ours, other))
     return bool((mine <= theirs).all())

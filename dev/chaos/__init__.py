@@ -1,5 +1,5 @@
-"""Fault injection: explorations in which processes are killed and stopped, and judged after.
+"""Fault injection: explorations in which processes are killed and stopped, and then examined.
 
-Kinds of fault and their timing may be changed in `fault_injection`; `history` shares no code with
-what it judges, and should not. Rests on launch.processes and the command line, as a user does.
+Faults and their times are drawn in `fault_injection`. `history` must share no code with what it
+checks. Uses launch.processes and the command line, as a user does.
 """

@@ -1,7 +1,7 @@
-"""Which faults a run meets, all drawn from one seed, and how they are put into it.
+"""Faults of a run, drawn from one seed, and their injection.
 
-Beside the graph: a node that floods it with what nobody needs, and, as a program, a tool that
-subscribes to everything by the taps until it is stopped or killed.
+Also a node that floods the graph with messages that no node needs, and, as a program, a tool that
+subscribes to all topics by the taps until it is stopped or killed.
 """
 
 from __future__ import annotations
@@ -34,77 +34,90 @@ from palpate.messages.types import Clock, NodeStatus
 from palpate.nodes.runtime.node import Source, Timed
 from palpate.tools.introspection.requests import request
 
-TURN_MS = 5
-INJECTOR_DEPTH = 10_000  # Messages of a tap that may wait for the injector
-DISK_ROOM = 1000  # Bytes that a recorder may still write when its disk becomes full
-ONE, SEVERAL, ENDING = ("kill", "stop", "recorder", "full"), ("neighbours",), ("ctrl_c", "launcher")
+ON_ONE_NODE, ON_SEVERAL_NODES, ENDING = (
+    ("kill", "stop", "recorder", "full"),
+    ("neighbours",),
+    ("ctrl_c", "launcher"),
+)
 BESIDE = ("flood", "late")
-# kill: kill -9 of a node; stop: SIGSTOP; recorder: kill -9 of it; full: no more room for its file;
-# neighbours: kill -9 of two nodes of which one feeds the other; flood: a source of 100,000 messages
-# beside the others; late: a tool that joins late and is stopped; ctrl_c: SIGINT to all processes;
-# launcher: kill -9 of it.
-FAULT_KINDS = (*ONE, *SEVERAL, *BESIDE, *ENDING)
+FAULT_KINDS = (*ON_ONE_NODE, *ON_SEVERAL_NODES, *BESIDE, *ENDING)  # The program's help has them
 PHASES = ("start", "grasp", "tracing", "models", "end")
 RECORDER_NAME = "recorder"
-MAX_PER_NODE = 3  # Faults that one node meets in a run: more within 10 s would be a storm
-# What is published in each phase; the second where a graph publishes nothing of the first.
+# Topics of each phase; the second if a graph does not publish the first.
 _MARKS = {
     "grasp": ("/hand/goal",),
     "tracing": ("/finger/goal",),
     "models": ("/model/goal", "/contour/traced"),
     "end": ("/plan/done", "/contour/traced"),
 }
-# A fault follows what was published by at most so many s.
-_LONGEST = {"start": 0.5, "grasp": 0.1, "tracing": 0.02, "models": 0.5, "end": 0.3}
+# Longest delay [s] of a fault after a message of its phase.
+_MAX_DELAYS = {"start": 0.5, "grasp": 0.1, "tracing": 0.02, "models": 0.5, "end": 0.3}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class InjectionSettings:
+    """How faults are injected."""
+
+    period: float = 5e-3  # [s] between two looks at the graph
+    tap_depth: int = 10_000  # messages of a tap that may wait for the injector
+    disk_room: int = 1000  # bytes that a recorder may still write when its disk becomes full
+
+
+INJECTION = InjectionSettings()
 
 
 class NodeRecovery(NamedTuple):
-    """A node that came back."""
+    """Recovery of a node from a fault."""
 
-    kind: str  # What it was hit by
-    node: str  # Its name
-    phase: str  # When that was
-    seconds: float  # Time from the blow to its status that it runs again, s
+    kind: str  # Of the fault
+    node: str
+    phase: str
+    seconds: float  # From the fault to the status that it runs again
 
 
 @dataclass(slots=True)
 class InjectionLog:
-    """What was done to one run."""
+    """Faults of one run, and recoveries from them."""
 
-    faults: list[Fault] = field(default_factory=list)  # Those that found somebody to hit
-    back: list[NodeRecovery] = field(default_factory=list)  # Were hit while the graph ran
-    ended_by: str = ""  # Kind of the fault that was to end the run, if it was still running
+    faults: list[Fault] = field(default_factory=list)  # Faults that were injected
+    recoveries: list[NodeRecovery] = field(default_factory=list)  # Of nodes that had been running
+    ended_by: str = ""  # Kind of the fault that ends the run, if it was injected
     session: int = 0  # Number of the session of its processes
 
 
 class FaultInjector:
-    """Puts its faults into one run."""
+    """Injects faults into one run."""
 
     def __init__(
-        self, process: subprocess.Popen[bytes], out: Path, faults: Iterable[Fault]
+        self,
+        process: subprocess.Popen[bytes],
+        out: Path,
+        faults: Iterable[Fault],
+        settings: InjectionSettings = INJECTION,
     ) -> None:
-        self.done = InjectionLog(session=process.pid)  # What was done so far
+        self.log = InjectionLog(session=process.pid)
+        self._settings = settings
         self._process, self._out = process, out
         self._left = list(faults)
         self._due: list[tuple[float, Fault]] = []
         self._seen: dict[str, int] = {"": 0}
-        # By node: its fault, the epoch in which it comes back, and when it was hit, s.
-        self._blows: dict[str, tuple[Fault, int, float]] = {}
+        # By node: its fault, the epoch in which it recovers, and the time of the fault [s].
+        self._hits: dict[str, tuple[Fault, int, float]] = {}
         self._onlookers: list[subprocess.Popen[bytes]] = []
 
     def run(self, until: float) -> bool:
-        """Work until the run has ended; false if it has not ended by then, s monotonic."""
+        """Inject faults until the run ends; false if it has not ended at a monotonic time [s]."""
         card = self._card(until)
         if card is None:
             return self._process.poll() is not None
         topics = {fault.topic for fault in self._left} - {""} | {STATUS_TOPIC}
         with ExitStack() as kept:
             context = kept.enter_context(zmq.Context())
-            reader = TapReader(context, card.taps.values(), topics, depth=INJECTOR_DEPTH)
+            reader = TapReader(context, card.taps.values(), topics, depth=self._settings.tap_depth)
             kept.enter_context(closing(reader))
             kept.callback(self._end_onlookers)
             while self._process.poll() is None and time.monotonic() < until:
-                reader.socket.poll(TURN_MS)
+                reader.socket.poll(round(1e3 * self._settings.period))
                 self._receive(reader)
                 self._inject(card)
                 self._stop_onlookers()
@@ -115,7 +128,7 @@ class FaultInjector:
             for card in running_graphs(self._out.parent):
                 if card.pid == self._process.pid:
                     return card
-            time.sleep(TURN_MS / 1000)
+            time.sleep(self._settings.period)
         return None
 
     def _receive(self, reader: TapReader) -> None:
@@ -127,45 +140,45 @@ class FaultInjector:
                 self._seen[topic] = max(header.seq, self._seen.get(topic, 0))
 
     def _take_status(self, status: NodeStatus, epoch: int) -> None:
-        fault, after, when = self._blows.get(status.node, (None, 0, 0.0))
+        fault, after, when = self._hits.get(status.node, (None, 0, 0.0))
         if fault is None or status.state != "running" or epoch < after:
             return
-        del self._blows[status.node]
-        if fault.phase != "start":  # else it was not up, and waits for the others
+        del self._hits[status.node]
+        if fault.phase != "start":  # at the start it was not running, and waits for other nodes
             seconds = time.monotonic() - when
-            self.done.back.append(NodeRecovery(fault.kind, status.node, fault.phase, seconds))
+            self.log.recoveries.append(NodeRecovery(fault.kind, status.node, fault.phase, seconds))
 
     def _inject(self, card: RunCard) -> None:
         now = time.monotonic()
-        for fault in [one for one in self._left if self._seen.get(one.topic, -1) >= one.seq]:
+        for fault in [f for f in self._left if self._seen.get(f.topic, -1) >= f.seq]:
             self._left.remove(fault)
             self._due.append((now + fault.delay, fault))
-        for due in [one for one in self._due if one[0] <= now]:
+        for due in [(when, fault) for when, fault in self._due if when <= now]:
             self._due.remove(due)
-            if not self._strike(card, due[1]):
-                self._due.append((time.monotonic() + TURN_MS / 1000, due[1]))
+            if not self._inject_fault(card, due[1]):
+                self._due.append((time.monotonic() + self._settings.period, due[1]))
 
-    def _strike(self, card: RunCard, fault: Fault) -> bool:
-        """Put a fault in; false if who is to be hit is just not there."""
+    def _inject_fault(self, card: RunCard, fault: Fault) -> bool:
+        """Inject a fault; false if its node does not run at the moment."""
         if fault.kind == "ctrl_c":
             os.killpg(self._process.pid, signal.SIGINT)
         elif fault.kind == "launcher":
             self._process.kill()
         elif fault.kind == "late":
-            self._look_on(card)
-        elif fault.kind not in BESIDE and not self._strike_nodes(card, fault):
+            self._start_onlooker(card)
+        elif fault.kind not in BESIDE and not self._hit_nodes(card, fault):
             return False
-        if not fault.whom and fault.kind not in BESIDE:
-            self.done.ended_by = fault.kind
-        self.done.faults.append(fault)
+        if not fault.nodes and fault.kind not in BESIDE:
+            self.log.ended_by = fault.kind
+        self.log.faults.append(fault)
         return True
 
-    def _strike_nodes(self, card: RunCard, fault: Fault) -> bool:
+    def _hit_nodes(self, card: RunCard, fault: Fault) -> bool:
         try:
             nodes: Mapping[str, Mapping[str, int]] = request(card, "status")["nodes"]
         except ValueError:
-            return False  # it is ending: there is nobody left to be hit
-        pids = {name: int(nodes[name]["pid"]) for name in fault.whom}
+            return False  # the graph is ending
+        pids = {name: int(nodes[name]["pid"]) for name in fault.nodes}
         try:
             if not all(pid and os.getsid(pid) == self._process.pid for pid in pids.values()):
                 return False
@@ -173,13 +186,13 @@ class FaultInjector:
             return False
         for name, pid in pids.items():
             if fault.kind == "full":
-                return _fill(pid, self._out / RECORDING)
+                return _fill_disk(pid, self._out / RECORDING, self._settings.disk_room)
             os.kill(pid, signal.SIGSTOP if fault.kind == "stop" else signal.SIGKILL)
-            self._blows[name] = fault, int(nodes[name]["restarts"]) + 1, time.monotonic()
+            self._hits[name] = fault, int(nodes[name]["restarts"]) + 1, time.monotonic()
         return True
 
-    def _look_on(self, card: RunCard) -> None:
-        """Have a tool join."""
+    def _start_onlooker(self, card: RunCard) -> None:
+        """Start a tool that subscribes by the taps."""
         names = [*card.taps.values(), "--", STATUS_TOPIC, *card.topics]
         command, quiet = [sys.executable, "-P", "-m", __name__, *names], subprocess.DEVNULL
         self._onlookers.append(subprocess.Popen(command, stdout=subprocess.PIPE, stderr=quiet))
@@ -197,49 +210,50 @@ class FaultInjector:
             onlooker.communicate()
 
 
-def _fill(pid: int, recording: Path) -> bool:
-    """Leave no more room for the last file of a recorder; false if it has none yet."""
+def _fill_disk(pid: int, recording: Path, room: int) -> bool:
+    """Limit the growth of a recorder's last file to some bytes; false if there is no file yet."""
     part = parts_of(recording)[-1]
     if not part.exists():
         return False
-    room = part.stat().st_size + DISK_ROOM
+    limit = part.stat().st_size + room
     try:
-        resource.prlimit(pid, resource.RLIMIT_FSIZE, (room, room))
+        resource.prlimit(pid, resource.RLIMIT_FSIZE, (limit, limit))
     except ProcessLookupError:
         return False
     return True
 
 
 class Fault(NamedTuple):
-    """One fault, and when it is put in."""
+    """A fault and its time."""
 
     kind: str  # One of `FAULT_KINDS`
-    whom: tuple[str, ...]  # The nodes that it hits; none for one that hits the launcher, or nobody
+    nodes: tuple[str, ...]  # That it hits; empty if it hits the launcher or no node
     phase: str  # One of `PHASES`
-    topic: str  # Topic by which the moment is known; empty for the launch itself
-    seq: int  # The message of that topic with which it comes
-    delay: float  # Time after it, s
+    topic: str  # Of the message that it follows; empty for the launch itself
+    seq: int  # Number of that message
+    delay: float  # [s] after that message
 
     def __str__(self) -> str:
         when = f"{self.topic} {self.seq}" if self.topic else "the launch"
-        whom = f" {' and '.join(self.whom)}" if self.whom else ""
-        return f"{self.kind}{whom} {self.delay:.3f} s after {when}"
+        nodes = f" {' and '.join(self.nodes)}" if self.nodes else ""
+        return f"{self.kind}{nodes} {self.delay:.3f} s after {when}"
 
 
 class GraphFacts(NamedTuple):
-    """What an undisturbed run has shown of a graph."""
+    """A graph, as a run without faults shows it."""
 
-    nodes: tuple[str, ...]  # Names of its nodes
-    pairs: tuple[tuple[str, str], ...]  # Nodes of which one feeds the other
-    counts: Mapping[str, int]  # Messages by topic
+    nodes: tuple[str, ...]  # Names
+    pairs: tuple[tuple[str, str], ...]  # Subscriber and publisher
+    counts: Mapping[str, int]  # Number of messages by topic
 
 
 def draw_faults(
-    seed: int, known: GraphFacts, kinds: Sequence[str], number: int
+    seed: int, facts: GraphFacts, kinds: Sequence[str], number: int, max_per_node: int = 3
 ) -> tuple[Fault, ...]:
-    """Faults of one run, in no order: so many, or the one that is to end it.
+    """Faults of one run in any order: `number` of them, or one that ends the run.
 
-    Runs with seeds that follow each other go through every node in every phase.
+    Consecutive seeds cover all nodes in all phases. `max_per_node`: with more faults on a node
+    within 10 s the launcher would give up.
     """
     rng = random.Random(f"palpate chaos {seed}")
     ending = [kind for kind in kinds if kind in ENDING]
@@ -247,47 +261,48 @@ def draw_faults(
     if ending and (not lasting or seed % len(kinds) < len(ending)):
         kind = ending[seed % len(ending)]
         phase = PHASES[seed // len(ending) % len(PHASES)]
-        return (Fault(kind, (), *_moment(rng, phase, known)),)
-    places = list(product(known.nodes, PHASES))
+        return (Fault(kind, (), *_moment(rng, phase, facts)),)
+    places = list(product(facts.nodes, PHASES))
     random.Random(0).shuffle(places)
     faults: list[Fault] = []
-    hit: Counter[str] = Counter()
+    hits: Counter[str] = Counter()
     first = seed * number
-    for place, kind in enumerate(islice(cycle(lasting), first % len(lasting), None)):
-        if len(faults) == number or place > 10 * number:
+    for i, kind in enumerate(islice(cycle(lasting), first % len(lasting), None)):
+        if len(faults) == number or i > 10 * number:
             break
-        name, phase = places[(first + place) % len(places)]
-        whom = _whom(rng, kind, name, known)
-        again = kind == "flood" and any(one.kind == kind for one in faults)
-        if not again and all(hit[one] < MAX_PER_NODE for one in whom):
-            hit.update(whom)
-            faults.append(Fault(kind, whom, *_moment(rng, phase, known)))
+        name, phase = places[(first + i) % len(places)]
+        nodes = _nodes_hit(rng, kind, name, facts)
+        is_second_flood = kind == "flood" and any(fault.kind == kind for fault in faults)
+        if not is_second_flood and all(hits[node] < max_per_node for node in nodes):
+            hits.update(nodes)
+            faults.append(Fault(kind, nodes, *_moment(rng, phase, facts)))
     return tuple(faults)
 
 
-def _moment(rng: random.Random, phase: str, known: GraphFacts) -> tuple[str, str, int, float]:
-    delay = rng.uniform(0.0, _LONGEST[phase])
+def _moment(rng: random.Random, phase: str, facts: GraphFacts) -> tuple[str, str, int, float]:
+    """Phase, topic, number of the message, and delay of a fault."""
+    delay = rng.uniform(0.0, _MAX_DELAYS[phase])
     for mark in _MARKS.get(phase, ()):
-        topics = sorted(topic for topic in known.counts if topic.endswith(mark))
+        topics = sorted(topic for topic in facts.counts if topic.endswith(mark))
         if topics:
             topic = rng.choice(topics)
-            last = known.counts[topic] - 1
+            last = facts.counts[topic] - 1
             return phase, topic, last if phase == "end" else rng.randint(0, last), delay
     return phase, "", 0, delay
 
 
-def _whom(rng: random.Random, kind: str, name: str, known: GraphFacts) -> tuple[str, ...]:
+def _nodes_hit(rng: random.Random, kind: str, name: str, facts: GraphFacts) -> tuple[str, ...]:
     if kind in ("recorder", "full"):
         return (RECORDER_NAME,)
     if kind == "neighbours":
-        return rng.choice([pair for pair in known.pairs if name in pair] or known.pairs)
+        return rng.choice([pair for pair in facts.pairs if name in pair] or facts.pairs)
     return () if kind in BESIDE else (name,)
 
 
 class FloodParams(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What the launch file may set."""
 
-    messages: int = 100_000  # How much it publishes
+    messages: int = 100_000  # Number of messages
 
 
 def _flood(params: FloodParams) -> Iterator[Timed]:
@@ -295,14 +310,14 @@ def _flood(params: FloodParams) -> Iterator[Timed]:
 
 
 def listen_to_taps(taps: list[str], topics: list[str]) -> None:
-    """Receive all that is published; print one line as soon as something has come."""
+    """Receive all messages of topics; print a line after the first."""
     with zmq.Context() as context:
         reader = TapReader(context, taps, topics)
-        told = False
+        has_received = False
         while reader.socket.poll():
-            if reader.receive() is not None and not told:
+            if reader.receive() is not None and not has_received:
                 print("received", flush=True)
-                told = True
+                has_received = True
 
 
 SOURCE = Source(params=FloodParams, outputs=lambda params: {"/flood": Clock}, open=_flood)

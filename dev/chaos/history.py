@@ -1,8 +1,7 @@
-"""What a recording says has happened, read and judged apart from the bus that it is to judge.
+"""Checks of recordings that share no code with the bus, the recorder or the replay.
 
-It shares no code with the bus, the recorder or the replay: it reads the files with the `mcap`
-package alone, and believes none of them. No message may be missing, doubled, out of order, or
-answer one that is not there or is later.
+Files are read with the `mcap` package only. No message may be missing, doubled or out of order, or
+answer a message that is missing or later.
 """
 
 from __future__ import annotations
@@ -20,18 +19,18 @@ from mcap.exceptions import McapError
 from mcap.records import Channel, Footer, Message
 from mcap.stream_reader import StreamReader
 
-MAX_RECORD_BYTES = 512 << 20  # Of one record
+MAX_RECORD_BYTES = 512 << 20
 _TOUCH = ("goal", "touch")
-_SHARED = ("/contour/goal", "/probe/goal")  # Published by one for all: namespaces do not count
+_SHARED = ("/contour/goal", "/probe/goal")  # Topics without the namespace of a finger
 Key = tuple[str, tuple[str, ...], tuple[int, ...]]
 
 
 class Event(NamedTuple):
-    """One message, as one file has it."""
+    """One message of a file."""
 
     publisher: str
     topic: str
-    epoch: int  # How often its publisher had been started before
+    epoch: int  # Number of earlier starts of its publisher
     seq: int
     sent_ns: int
     body: bytes
@@ -39,21 +38,21 @@ class Event(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class History:
-    """All that the files of one recording hold, in their order."""
+    """Messages of a recording, in the order of its files."""
 
-    events: tuple[Event, ...]  # The messages
-    closed: bool  # Whether the last file was closed properly
+    events: tuple[Event, ...]
+    is_closed: bool  # Whether the last file was closed properly
 
 
 class Violation(NamedTuple):
-    """One thing that is wrong with a history."""
+    """A violation of a law."""
 
-    law: str  # Which law is broken: gap, twice, bodies, epoch, order or cause
-    text: str  # How, in a sentence
+    law: str  # gap, twice, bodies, epoch, order or cause
+    text: str  # A sentence
 
 
 def read_history(path: Path) -> History:
-    """Read a recording's parts, each as far as it is whole; raises OSError if there is none."""
+    """Read the intact beginning of each part of a recording; raises OSError if there is none."""
     events: list[Event] = []
     closed = False
     parts = (path.with_name(f"{path.stem}.{number}{path.suffix}") for number in count(1))
@@ -63,7 +62,7 @@ def read_history(path: Path) -> History:
 
 
 def _read(part: Path, events: list[Event]) -> bool:
-    """Add what a file holds whole; whether it was closed."""
+    """Add the messages of the intact beginning of a file; return whether it was closed."""
     channels: dict[int, Channel] = {}
     with part.open("rb") as file:
         stream = StreamReader(file, validate_crcs=True, record_size_limit=MAX_RECORD_BYTES)
@@ -79,58 +78,58 @@ def _read(part: Path, events: list[Event]) -> bool:
                     sender = about["publisher"], channel.topic, int(about["epoch"])
                     events.append(Event(*sender, seq, sent_ns, record.data))
         except (McapError, ValueError, struct.error, RuntimeError, KeyError):
-            pass  # what comes behind a damage or the end of a cut-off file cannot be told
+            pass  # the rest is damaged or cut off
     return False
 
 
 def violations_in(history: History) -> list[Violation]:
-    """What is wrong with a history, whatever its messages mean."""
+    """Violations that do not depend on the meaning of messages."""
     topics: dict[tuple[str, str], list[Event]] = {}
     for event in history.events:
         topics.setdefault((event.publisher, event.topic), []).append(event)
-    found = [one for events in topics.values() for one in _topic_violations(events)]
-    return [*found, *_epochs(history.events), *_at_one_time(history.events)]
+    violations = [v for events in topics.values() for v in _topic_violations(events)]
+    return [*violations, *_epochs(history.events), *_at_one_time(history.events)]
 
 
 def _topic_violations(events: list[Event]) -> Iterator[Violation]:
-    """One publisher's messages on a topic are numbered from 0 without a gap, each there once.
+    """A publisher's messages on a topic are numbered from 0, without a gap and once each.
 
-    None holds two things, and they were sent in the order of their numbers.
+    They are sent in the order of their numbers.
     """
     bodies: dict[int, bytes] = {}
-    there = {event.seq for event in events}
-    for seq in (number for number in range(max(there)) if number not in there):
-        yield Violation("gap", f"{events[0].topic} {seq} of {events[0].publisher} is not there")
+    numbers = {event.seq for event in events}
+    for seq in (number for number in range(max(numbers)) if number not in numbers):
+        yield Violation("gap", f"{events[0].topic} {seq} of {events[0].publisher} is missing")
     for event in events:
-        before = bodies.setdefault(event.seq, event.body)
-        if before is event.body:
+        earlier = bodies.setdefault(event.seq, event.body)
+        if earlier is event.body:
             continue
-        yield Violation("twice", f"{event.topic} {event.seq} is there more than once")
-        if before != event.body:
-            yield Violation("bodies", f"{event.topic} {event.seq} holds two different messages")
-    for one, other in pairwise(sorted(events, key=lambda event: event.seq)):
-        if one.seq < other.seq and other.sent_ns <= one.sent_ns:
-            text = f"{other.topic} {other.seq} was sent no later than {one.seq} before it"
+        yield Violation("twice", f"{event.topic} {event.seq} is recorded more than once")
+        if earlier != event.body:
+            yield Violation("bodies", f"{event.topic} {event.seq} has two different contents")
+    for before, after in pairwise(sorted(events, key=lambda event: event.seq)):
+        if before.seq < after.seq and after.sent_ns <= before.sent_ns:
+            text = f"{after.topic} {after.seq} was sent no later than {before.seq}"
             yield Violation("order", text)
 
 
 def _epochs(events: Iterable[Event]) -> Iterator[Violation]:
-    """After a restart of a node nothing comes that it sent before."""
+    """After the restart of a node no earlier message of it is received."""
     latest: dict[str, int] = {}
     for event in events:
         before = latest.setdefault(event.publisher, event.epoch)
         if event.epoch < before:
-            text = f"{event.topic} {event.seq} has epoch {event.epoch}, {before} had come before"
+            text = f"{event.topic} {event.seq} has epoch {event.epoch} after epoch {before}"
             yield Violation("epoch", text)
         latest[event.publisher] = max(before, event.epoch)
 
 
 def _at_one_time(events: Iterable[Event]) -> Iterator[Violation]:
-    """No publisher sends two different messages at one and the same time."""
-    found: dict[tuple[str, int], tuple[str, int]] = {}
+    """A publisher sends no two messages at the same time."""
+    names: dict[tuple[str, int], tuple[str, int]] = {}
     for event in events:
         name = event.topic, event.seq
-        before = found.setdefault((event.publisher, event.sent_ns), name)
+        before = names.setdefault((event.publisher, event.sent_ns), name)
         if before != name:
             text = f"{event.topic} {event.seq} was sent at the time of {before[0]} {before[1]}"
             yield Violation("order", text)
@@ -141,25 +140,25 @@ def digests(history: History) -> dict[str, tuple[int, str]]:
     topics: dict[str, dict[int, bytes]] = {}
     for event in history.events:
         topics.setdefault(event.topic, {}).setdefault(event.seq, event.body)
-    bodies = {topic: [found[seq] for seq in sorted(found)] for topic, found in topics.items()}
+    in_order = {topic: [body for _, body in sorted(by.items())] for topic, by in topics.items()}
     return {
-        topic: (len(found), hashlib.sha256(b"".join(found)).hexdigest())
-        for topic, found in bodies.items()
+        topic: (len(bodies), hashlib.sha256(b"".join(bodies)).hexdigest())
+        for topic, bodies in in_order.items()
     }
 
 
 class Answer(NamedTuple):
-    """A topic whose messages answer others."""
+    """A topic whose messages answer messages of other topics, their causes."""
 
-    fields: tuple[str, ...]  # What names the message that is answered
-    causes: tuple[str, ...]  # Topics on which that may have been published
-    named: tuple[str, ...]  # The same fields, as the causes call them
+    fields: tuple[str, ...]  # Of the answer, which identify its cause
+    causes: tuple[str, ...]  # Topics of the cause
+    cause_fields: tuple[str, ...]  # Of the cause, with the same values
 
 
-def causality_violations(history: History, *, whole: bool) -> Iterator[Violation]:
-    """Messages that answer what was not published, or not yet.
+def causality_violations(history: History, *, is_whole: bool) -> Iterator[Violation]:
+    """Messages whose cause is missing or later.
 
-    Without an end (`whole` false) a cause may just have had no time to be recorded.
+    In a recording without its end (`is_whole` false) a cause may be missing.
     """
     first = _first_sent(history)
     for event in history.events:
@@ -170,33 +169,33 @@ def causality_violations(history: History, *, whole: bool) -> Iterator[Violation
         values = _values(event, answer.fields)
         times = []
         for cause in answer.causes:
-            shared = cause in _SHARED or cause.startswith(("/model", "/plan", "/hand"))
-            key = (cause if shared else space + cause), answer.named, values
+            is_shared = cause in _SHARED or cause.startswith(("/model", "/plan", "/hand"))
+            key = (cause if is_shared else space + cause), answer.cause_fields, values
             times += [first[key]] if key in first else []
-        if not times and whole:
+        if not times and is_whole:
             what = ", ".join(f"{n} {v}" for n, v in zip(answer.fields, values, strict=True))
-            text = f"{event.topic} {event.seq} answers {what}, which nobody published"
+            text = f"{event.topic} {event.seq} answers {what}, which was not published"
             yield Violation("cause", text)
         elif times and min(times) >= event.sent_ns:
-            yield Violation("cause", f"{event.topic} {event.seq} was sent before what it answers")
+            yield Violation("cause", f"{event.topic} {event.seq} was sent before its cause")
 
 
 def _first_sent(history: History) -> dict[Key, int]:
-    """Time at which each message that may be answered was first sent, ns."""
-    wanted: dict[str, set[tuple[str, ...]]] = {}
+    """Time [ns] at which each possible cause was first sent."""
+    keys: dict[str, set[tuple[str, ...]]] = {}
     for answer in ANSWERS.values():
         for cause in answer.causes:
-            wanted.setdefault(cause, set()).add(answer.named)
+            keys.setdefault(cause, set()).add(answer.cause_fields)
     first: dict[Key, int] = {}
     for event in history.events:
-        for named in wanted.get(_split(event.topic)[1], ()):
-            key = event.topic, named, _values(event, named)
+        for fields in keys.get(_split(event.topic)[1], ()):
+            key = event.topic, fields, _values(event, fields)
             first[key] = min(first.get(key, event.sent_ns), event.sent_ns)
     return first
 
 
 def _split(topic: str) -> tuple[str, str]:
-    """Namespace of a finger, maybe empty, and the rest of a topic."""
+    """Namespace of a finger, or an empty text, and the rest of a topic."""
     head, _, rest = topic[1:].partition("/")
     return (f"/{head}", f"/{rest}") if head.startswith("finger_") else ("", topic)
 

@@ -1,1 +1,1 @@
-"""Damaged messages and files: every one is accepted and valid, or refused in one sentence."""
+"""Damaged messages and files: each is accepted and valid, or refused in one sentence."""

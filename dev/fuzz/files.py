@@ -1,7 +1,7 @@
-"""Damaged meshes, scenes and saved solids: sound samples, files made to hurt, mutations, readers.
+"""Damaged meshes, scenes and saved solids: valid and hand-made files, mutations, readers.
 
-What is hurt are bytes, text, or one of a tree's values. ``hostile.yaml`` has the files made to
-hurt; what an accepted mesh must be, the readers say.
+Mutations damage bytes, texts, or values of a tree. ``hostile.yaml`` has the hand-made files. The
+readers check that an accepted mesh is valid.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ from numpy.typing import NDArray
 from ruamel.yaml import YAML
 
 from dev.fuzz.mutations import (
-    FLOATS,
+    BOUNDARY_FLOATS,
+    BOUNDARY_NUMBERS,
     HOSTILE_WORDS,
-    NUMBERS,
     InputFile,
     Tree,
     mutate_bytes,
@@ -52,13 +52,10 @@ Table = NDArray[Any]
 Arrays = dict[str, Any]
 SCENE_NAME, SOLID_NAME = "scene.yaml", "solid.npz"
 _MARKS = (b"&a", b"*a", b"!!str", b"[", b"]", b"{", b"}", b"- ", b"? ", b"|", b"'", b'"', b"%")
-_DEEP: Tree = json.loads("[" * 30 + "]" * 30)
-# Files that are no text.
+# Files that are not text.
 RAW = (b"", b"\0", b"\xff\xfeo\0b\0", b"object: \xff\n", b"object: \0\n", b"\x1f\x8b\x08\0")
-# Put in the place of values of a description.
+# Replacements of values of a description.
 OTHERS: list[Tree] = [None, True, "x", [], {}, -1, 2**31, 2**53, 1e308, "VEC3", [[]], 5126, 5123]
-LEVEL = 2  # 320 faces
-SIZE = (30.0, 25.0, 40.0)  # Semi-axes, mm
 _PLY = """\
 ply
 format {form} 1.0
@@ -73,13 +70,13 @@ end_header
 
 
 @cache
-def _made_to_hurt() -> Any:
+def _hostile_descriptions() -> Any:
     text = (Path(__file__).parent / "hostile.yaml").read_text("utf-8")
     return YAML(typ="safe", pure=True).load(text)
 
 
 def _assembled(part: Any) -> str:
-    """The text of a part, as ``hostile.yaml`` explains them."""
+    """The text of a part, by the rules in ``hostile.yaml``."""
     if isinstance(part, list):
         return "".join(map(_assembled, part))
     if not isinstance(part, dict):
@@ -101,13 +98,13 @@ def mutated_scenes(rng: random.Random) -> InputFile:
         return InputFile(SCENE_NAME, mutate_bytes(rng, text, rng.choice(scenes)))
     if change < 0.45:
         return InputFile(SCENE_NAME, mutate_text(rng, text, (*HOSTILE_WORDS, *_MARKS)))
-    return InputFile(SCENE_NAME, _hurt_value(rng, text))
+    return InputFile(SCENE_NAME, _damaged_value(rng, text))
 
 
 @cache
 def hostile_scenes() -> list[InputFile]:
-    """Scenes that were made to hurt."""
-    made, paths = _made_to_hurt(), hostile_paths()
+    """Scenes that are made by hand."""
+    made, paths = _hostile_descriptions(), hostile_paths()
     texts = [f'object: {{mesh: {{file: "{name}", unit: mm}}}}\n' for name in paths]
     texts += [f'{made["object"]}sensor: {{calibration: "{name}"}}\n' for name in paths]
     indented = "".join("  " * i + "a:\n" for i in range(400))
@@ -116,19 +113,19 @@ def hostile_scenes() -> list[InputFile]:
 
 
 def hostile_paths() -> list[str]:
-    """Names of files that a scene may give and should not."""
-    return [_assembled(name) for name in _made_to_hurt()["paths"]]
+    """File names that must not be given in a scene."""
+    return [_assembled(name) for name in _hostile_descriptions()["paths"]]
 
 
 @cache
 def valid_scenes() -> list[InputFile]:
-    """The shipped scenes, with a mesh that is in the folder."""
+    """The shipped scenes, with the name of a mesh in the folder."""
     texts = ((SHIPPED_SCENES / f"{name}.yaml").read_bytes() for name in shipped_scenes())
     return [InputFile(SCENE_NAME, text.replace(b"pear.ply", b"mesh.ply")) for text in texts]
 
 
-def _hurt_value(rng: random.Random, text: bytes) -> bytes:
-    """A scene with other values somewhere; JSON is YAML, too."""
+def _damaged_value(rng: random.Random, text: bytes) -> bytes:
+    """A scene, as JSON, with other values in one or two places."""
     tree = parse_yaml(text.decode(), SCENE_NAME).value
     for _ in range(rng.choice((1, 1, 2))):
         path = rng.choice(tree_paths(tree))
@@ -137,7 +134,7 @@ def _hurt_value(rng: random.Random, text: bytes) -> bytes:
 
 
 def _other(rng: random.Random, old: Tree) -> Tree:
-    """Near what was there more often than not, so that it comes far."""
+    """Another value, often similar to the old one, so that reading gets far."""
     if isinstance(old, (int, float)) and rng.random() < 0.6:
         return old * rng.choice((-1.0, 0.0, 0.5, 0.9, 1.1, 2.0, 10.0, 1000.0))
     if isinstance(old, list) and old and rng.random() < 0.6:
@@ -146,25 +143,15 @@ def _other(rng: random.Random, old: Tree) -> Tree:
         key = rng.choice(list(old))
         rest = {name: item for name, item in old.items() if name != key}
         return rng.choice((rest, {**rest, f"{key}s": old[key]}, {**old, "more": 1}, {"x": old}))
-    path = rng.choice(hostile_paths())
-    others: tuple[Tree, ...] = (
-        None,
-        True,
-        "",
-        "x",
-        path,
-        [],
-        {},
-        _DEEP,
-        [old] * 3,
-        {"a": old},
-        "x" * 5000,
+    path, deep = rng.choice(hostile_paths()), json.loads("[" * 30 + "]" * 30)
+    values: tuple[Tree, ...] = (
+        *(None, True, "", "x", path, [], {}, deep, [old] * 3, {"a": old}, "x" * 5000),
     )
-    return rng.choice((*others, *NUMBERS, *FLOATS))
+    return rng.choice((*values, *BOUNDARY_NUMBERS, *BOUNDARY_FLOATS))
 
 
 def fill_folder(folder: Path) -> None:
-    """Put what scenes name into the folder where they lie."""
+    """Write the files that scenes name into their folder."""
     (folder / "mesh.ply").write_bytes(dict(valid_meshes())["little.ply"])
     (folder / "empty.ply").touch()
     (folder / "folder.ply").mkdir()
@@ -177,18 +164,18 @@ def fill_folder(folder: Path) -> None:
 
 
 def mutated_solids(rng: random.Random) -> InputFile:
-    """A sound solid with damage."""
+    """A valid solid with damage."""
     arrays = _arrays()
     change = rng.random()
     if change < 0.3:
         return InputFile(SOLID_NAME, mutate_bytes(rng, npz(arrays)))
-    hurt = _hurt_form if change < 0.65 else _hurt_array
-    return InputFile(SOLID_NAME, npz(hurt(rng, arrays)))
+    damaged = _damaged_form if change < 0.65 else _damaged_array
+    return InputFile(SOLID_NAME, npz(damaged(rng, arrays)))
 
 
 @cache
 def hostile_solids() -> list[InputFile]:
-    """Files that were made to hurt."""
+    """Files that are made by hand."""
     deep: Tree = None
     for _ in range(400):
         deep = {"tuple": [deep, None]}
@@ -230,12 +217,12 @@ def _header(shape: str, kind: str = "<f8") -> bytes:
     return b"\x93NUMPY\x02\x00" + len(text).to_bytes(4, "little") + text
 
 
-def _hurt_form(rng: random.Random, arrays: Arrays) -> Arrays:
+def _damaged_form(rng: random.Random, arrays: Arrays) -> Arrays:
     form = json.loads(str(arrays[FORM_KEY]))
     path = rng.choice(tree_paths(form))
     old = value_at(form, path)
-    others: tuple[Tree, ...] = (
-        *(None, True, "x", [], {}, *NUMBERS, *FLOATS[:5], {"tuple": []}),
+    replacements: tuple[Tree, ...] = (
+        *(None, True, "x", [], {}, *BOUNDARY_NUMBERS, *BOUNDARY_FLOATS[:5], {"tuple": []}),
         {"list": [old, old]},
         {"same": "solid"},
         {"array": rng.choice(list(arrays))},
@@ -243,15 +230,15 @@ def _hurt_form(rng: random.Random, arrays: Arrays) -> Arrays:
         {"class": "rebuild.solid.Solid", "fields": {}},
         value_at(form, rng.choice(tree_paths(form))),
     )
-    text = json.dumps(with_value(form, path, rng.choice(others)))
+    text = json.dumps(with_value(form, path, rng.choice(replacements)))
     return {**arrays, FORM_KEY: np.array(text)}
 
 
-def _hurt_array(rng: random.Random, arrays: Arrays) -> Arrays:
+def _damaged_array(rng: random.Random, arrays: Arrays) -> Arrays:
     name = rng.choice([name for name in arrays if name != FORM_KEY])
     old = arrays[name]
     with np.errstate(all="ignore"):
-        others = (
+        replacements = (
             old.ravel(),
             old[..., None],
             old.T,
@@ -263,7 +250,7 @@ def _hurt_array(rng: random.Random, arrays: Arrays) -> Arrays:
             np.array(1.0),
             arrays[rng.choice(list(arrays))],
         )
-    return {**arrays, name: rng.choice(others)}
+    return {**arrays, name: rng.choice(replacements)}
 
 
 def valid_solids() -> list[InputFile]:
@@ -290,16 +277,16 @@ def _arrays() -> Arrays:
 
 def read_scenes(path: Path) -> None:
     """Check a scene as ``palpate scene check`` does; raises InputError if it is refused."""
-    assert check_scene(str(path)).size, "says nothing"
+    assert check_scene(str(path)).size, "has no size"
 
 
 def read_solids(path: Path) -> None:
-    """Read a saved solid, and take it apart again; raises InputError if it is refused."""
-    assert len(tree_to_arrays(load(path))) > 1, "holds nothing"
+    """Read a saved solid and convert it back; raises InputError if it is refused."""
+    assert len(tree_to_arrays(load(path))) > 1, "is empty"
 
 
 def mutated_meshes(rng: random.Random) -> InputFile:
-    """A sample with damage."""
+    """A valid mesh with damage."""
     samples = dict(valid_meshes())
     name = rng.choice(list(samples))
     data = samples[name]
@@ -308,34 +295,34 @@ def mutated_meshes(rng: random.Random) -> InputFile:
     if name.endswith("glb") and rng.random() < 0.6:
         return InputFile(name, _damaged_glb(rng, data))
     if name.endswith("ply") and rng.random() < 0.5:
-        size = data.index(b"end_header\n") + len(b"end_header\n")  # its header alone
+        size = data.index(b"end_header\n") + len(b"end_header\n")  # of the header
         return InputFile(name, mutate_text(rng, data[:size]) + data[size:])
     return InputFile(name, mutate_bytes(rng, data, samples[rng.choice(list(samples))]))
 
 
 @cache
 def hostile_meshes() -> list[InputFile]:
-    """Files that were made to hurt; the suffix tells the format."""
-    made = _made_to_hurt()
+    """Files that are made by hand; the suffix is that of the format."""
+    made = _hostile_descriptions()
     return [InputFile(name, _mesh_of(part, made["ply"])) for name, part in made["meshes"].items()]
 
 
-def _mesh_of(part: Any, sound: dict[str, str]) -> bytes:
-    """Bytes of a mesh file; `sound` are the texts of a PLY file that is."""
+def _mesh_of(part: Any, valid: dict[str, str]) -> bytes:
+    """Bytes of a mesh file; `valid` are the parts of a valid PLY file."""
     if isinstance(part, dict) and "glb" in part:
         return glb(_assembled(part["glb"]).encode(), bytes(part.get("held", 0)))
     if isinstance(part, dict) and all(isinstance(key, str) for key in part):
-        texts = {**sound, **{key: _assembled(one) for key, one in part.items()}}
+        texts = {**valid, **{key: _assembled(text) for key, text in part.items()}}
         return _PLY.format(**texts).encode("latin-1")
     return _assembled(part).encode("latin-1")
 
 
 def _damaged_glb(rng: random.Random, data: bytes) -> bytes:
-    """A GLB file whose description has another value somewhere, and whose lengths agree."""
+    """A GLB file with another value in its description, and consistent lengths."""
     described, held = gltf_of(data)
     path = rng.choice(tree_paths(described))
     old = value_at(described, path)
-    values = (*OTHERS, *NUMBERS, *FLOATS, [old, old], {"a": old})
+    values = (*OTHERS, *BOUNDARY_NUMBERS, *BOUNDARY_FLOATS, [old, old], {"a": old})
     described = with_value(described, path, rng.choice(values))
     text = json.dumps(described).encode()
     return glb(mutate_text(rng, text) if rng.random() < 0.2 else text, held)
@@ -348,10 +335,10 @@ def gltf_of(data: bytes) -> tuple[Any, bytes]:
 
 
 def read_meshes(path: Path) -> None:
-    """Read a mesh as one that need not be closed, or points; and then as a scene does.
+    """Read a mesh file as points or a surface, and then as the solid of a scene.
 
-    Raises InputError if it is refused. Raises AssertionError if it is accepted and not finite; by a
-    scene, if it is not closed and of fitting size.
+    Raises InputError if it is refused, and AssertionError if it is accepted but not finite, or as a
+    solid not closed or of a wrong size.
     """
     points = read_cloud(path, "mm")
     if points is not None and len(points):
@@ -360,22 +347,22 @@ def read_meshes(path: Path) -> None:
         _check(*read_surface(path, "mm")[:2])
     vertices, faces, _ = read_mesh(path, "mm")
     _check(vertices, faces)
-    found, extents = solidity(vertices, faces), np.ptp(vertices, axis=0)
-    assert found.watertight and found.components == 1 and found.volume > 0.0, "is not one solid"
+    solid, extents = solidity(vertices, faces), np.ptp(vertices, axis=0)
+    assert solid.watertight and solid.components == 1 and solid.volume > 0.0, "is not one solid"
     assert extents.min() >= MIN_EXTENT and extents.max() <= MAX_EXTENT, "is too small or too large"
 
 
 def _check(vertices: NDArray[np.float64], faces: NDArray[np.int32]) -> None:
     assert np.isfinite(vertices).all(), "a vertex is not finite"
     assert 0 < len(faces) <= MAX_FACES, "has no triangles or too many"
-    assert faces.min() >= 0 and faces.max() < len(vertices), "names a vertex that is not there"
+    assert faces.min() >= 0 and faces.max() < len(vertices), "has a corner without a vertex"
 
 
 @cache
 def valid_meshes() -> list[InputFile]:
-    """Sound files; the suffix tells the format."""
-    shape = Superquadric(np.array(SIZE), np.array([1.0, 1.0]))
-    vertices, faces = shape.mesh(LEVEL)
+    """Valid files; the suffix is that of the format."""
+    shape = Superquadric(np.array([30.0, 25.0, 40.0]), np.array([1.0, 1.0]))  # [mm]
+    vertices, faces = shape.mesh(2)
     places, corners = _rows(vertices.round(4)), _rows(faces, "3 ")
     off = f"OFF\n# by hand\n{len(vertices)} {len(faces)} 0\n{places}{corners}"
     kind = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
@@ -407,7 +394,7 @@ def _ply_binary(vertices: Table, faces: Table, order: str, name: str) -> bytes:
 
 
 def _ply_mixed(vertices: Table, faces: Table) -> bytes:
-    """Triangles beside a quadrilateral, so that lists are of several lengths."""
+    """Triangles and a quadrilateral, so that lists have several lengths."""
     a, b, c = faces[0].tolist()
     other = next(i for i, face in enumerate(faces.tolist()) if i and {a, b} <= set(face))
     (d,) = set(faces[other].tolist()) - {a, b}

@@ -1,6 +1,6 @@
-"""Damaged messages, frames, control words and recordings; readers that look whether all is valid.
+"""Damaged messages, frames, control words and recordings, and readers that check validity.
 
-Messages of any type are drawn at random within what the type allows; recordings are hurt in
+Messages of all types are random within the constraints of the type; recordings are damaged in
 bytes, records or chunks.
 """
 
@@ -21,7 +21,7 @@ import lz4.frame
 import msgpack
 import numpy as np
 
-from dev.fuzz.mutations import NUMBERS, InputFile, mutate_body, mutate_bytes
+from dev.fuzz.mutations import BOUNDARY_NUMBERS, InputFile, mutate_body, mutate_bytes
 from palpate.messages import (
     Array,
     Header,
@@ -35,8 +35,6 @@ from palpate.messages import (
 from palpate.messages.recording import RecordingWriter, open_recording
 from palpate.messages.types import TYPES
 
-SHARE_OF_BODIES = 0.7  # The others are frames and words
-EXAMPLES = 3  # Of each type
 _NODE_WORDS: tuple[dict[str, Any], ...] = (
     {"kind": "ready"},
     {"kind": "finished", "reason": "all touched"},
@@ -65,25 +63,24 @@ WORD_KINDS = {"node": bus.FROM_NODES, "launcher": bus.TO_NODES}
 RECORDING_NAME = "topics.mcap"
 MAGIC = b"\x89MCAP0\r\n"
 CHUNK, MESSAGE, FOOTER = 6, 5, 2  # Codes of records
-BURST = 63 << 20  # To which bombs unpack, bytes
 _HEAD = struct.Struct("<BQ")
 
 
 class Packet(NamedTuple):
-    """Bytes as one of the readers gets them."""
+    """Bytes for one of the readers."""
 
     # Name of a message type, or ``frame``, ``answer``, ``request``, ``node``, ``launcher``.
     reader: str
     data: bytes
 
 
-def mutated_packet(rng: random.Random) -> Packet:
-    """One with damage, in its bytes or in its structure."""
+def mutated_packet(rng: random.Random, body_share: float = 0.7) -> Packet:
+    """A packet with damage in its bytes or its structure; the rest are frames and words."""
     kinds = _examples()
-    bodies = rng.random() < SHARE_OF_BODIES
-    reader = rng.choice([name for name in kinds if (name in TYPES) == bodies])
+    is_body = rng.random() < body_share
+    reader = rng.choice([name for name in kinds if (name in TYPES) == is_body])
     packet = rng.choice(kinds[reader])
-    if (bodies or reader in ("node", "launcher")) and rng.random() < 0.6:
+    if (is_body or reader in ("node", "launcher")) and rng.random() < 0.6:
         return Packet(reader, mutate_body(rng, msgpack.unpackb(packet.data)))
     other = rng.choice(kinds[rng.choice(list(kinds))])
     return Packet(reader, mutate_bytes(rng, packet.data, other.data))
@@ -92,13 +89,13 @@ def mutated_packet(rng: random.Random) -> Packet:
 def read_packet(packet: Packet) -> None:
     """Read bytes with their reader.
 
-    Raises ValueError if they are refused. Raises AssertionError if they are accepted and not valid.
+    Raises ValueError if they are refused, and AssertionError if they are accepted but invalid.
     """
     reader, data = packet
     if reader in TYPES:
         _read_body(TYPES[reader], data)
     elif reader == "frame":
-        assert pack_frame(*split_frame(data)) == data, "a frame is not what it was read from"
+        assert pack_frame(*split_frame(data)) == data, "a frame differs from its source"
     elif reader == "answer":
         answer = bus.read_reply(data)
         if answer.kind == bus.GREETING:
@@ -107,8 +104,8 @@ def read_packet(packet: Packet) -> None:
         request = bus.read_request(data)
         if request is None:
             raise ValueError("no request")
-        furthest = max(request.wanted, request.epoch or 0)
-        assert furthest < 1 << 64, "a request is too far"
+        largest = max(request.wanted, request.epoch or 0)
+        assert largest < 1 << 64, "a number of a request is too large"
     else:
         WORD_KINDS[reader].read(data)
 
@@ -120,7 +117,7 @@ def _read_body(cls: type, data: bytes) -> None:
         if type(value) is float or (isinstance(value, np.ndarray) and value.dtype.kind == "f"):
             assert np.isfinite(value).all(), f"{field.name} is not finite"
     body = encode(message)
-    assert encode(decode(cls, body)) == body, "a message is not what it was read from"
+    assert encode(decode(cls, body)) == body, "a message differs from its source"
 
 
 class Record(NamedTuple):
@@ -131,59 +128,59 @@ class Record(NamedTuple):
 
 
 def mutated_recordings(rng: random.Random) -> InputFile:
-    """A sound recording with damage."""
+    """A valid recording with damage."""
     data = valid_recording()
     change = rng.random()
     if change < 0.4:
         return InputFile(RECORDING_NAME, mutate_bytes(rng, data, data))
     records = records_of(data)
     if change < 0.7:
-        return InputFile(RECORDING_NAME, file_of(_hurt_records(rng, records)))
-    return InputFile(RECORDING_NAME, file_of([_hurt_chunk(rng, one) for one in records]))
+        return InputFile(RECORDING_NAME, file_of(_damaged_records(rng, records)))
+    return InputFile(RECORDING_NAME, file_of([_damaged_chunk(rng, record) for record in records]))
 
 
 @cache
-def hostile_recordings() -> list[InputFile]:
-    """Files that were made to burst."""
+def hostile_recordings(unpacked_size: int = 63 << 20) -> list[InputFile]:
+    """Hand-made files, some of which unpack to a large size [bytes]."""
     footer = Record(FOOTER, bytes(20))
     empty = _HEAD.pack(MESSAGE, 22) + bytes(22)
     unknown = _HEAD.pack(0x80, 0)
-    burst = bytes(BURST)
+    large = bytes(unpacked_size)
     first = records_of(valid_recording())[:2]
-    found = [
-        *([chunk(burst, BURST), footer], [chunk(burst, 1000), footer]),
-        *([chunk(bytes(1000), BURST), footer], [chunk(bytes(1000), 2**64 - 1), footer]),
+    contents = [
+        *([chunk(large, unpacked_size), footer], [chunk(large, 1000), footer]),
+        *([chunk(bytes(1000), unpacked_size), footer], [chunk(bytes(1000), 2**64 - 1), footer]),
         [chunk(empty * 100_000, 100_000 * len(empty)), footer],
         [chunk(unknown * 1_000_000, 1_000_000 * len(unknown)), footer],
         *([*first, chunk(b"", 0), footer], [Record(CHUNK, bytes(10)), footer]),
         *([Record(12, struct.pack("<I", 2**32 - 1)), footer], [Record(0x80, b"")] * 100_000),
     ]
-    files = [file_of(records) for records in found]
-    whole = valid_recording()
-    files += [MAGIC, b"", MAGIC + _HEAD.pack(CHUNK, 2**63), whole + whole, whole[:-8]]
+    files = [file_of(records) for records in contents]
+    valid = valid_recording()
+    files += [MAGIC, b"", MAGIC + _HEAD.pack(CHUNK, 2**63), valid + valid, valid[:-8]]
     return [InputFile(RECORDING_NAME, data) for data in files]
 
 
 def records_of(data: bytes) -> list[Record]:
-    """Records of a sound file, the footer too."""
-    found, at = [], len(MAGIC)
+    """Records of a valid file, with the footer."""
+    records, at = [], len(MAGIC)
     while at < len(data) - len(MAGIC):
         code, length = _HEAD.unpack_from(data, at)
         at += _HEAD.size
-        found.append(Record(code, data[at : at + length]))
+        records.append(Record(code, data[at : at + length]))
         at += length
-    return found
+    return records
 
 
 def valid_recordings() -> list[InputFile]:
-    """The one that is damaged."""
+    """The recording that is damaged."""
     return [InputFile(RECORDING_NAME, valid_recording())]
 
 
 @cache
 def valid_recording() -> bytes:
-    """A closed recording of some kB with a message of every type, and more of some."""
-    packets = [one for one in valid_packets() if one.reader in TYPES]
+    """A closed recording of some kB with messages of all types."""
+    packets = [packet for packet in valid_packets() if packet.reader in TYPES]
     types = {f"/topic/{name}": name for name in TYPES}
     with tempfile.TemporaryDirectory(prefix="palpate-") as folder:
         path = Path(folder) / RECORDING_NAME
@@ -199,19 +196,20 @@ def valid_recording() -> bytes:
 
 
 def valid_packets() -> list[Packet]:
-    """One of each kind, undamaged."""
+    """Valid packets of all kinds."""
     return [packet for packets in _examples().values() for packet in packets]
 
 
 @cache
-def _examples() -> dict[str, tuple[Packet, ...]]:
+def _examples(n_examples: int = 3) -> dict[str, tuple[Packet, ...]]:
+    """Valid packets by reader; several of each type."""
     rng = np.random.default_rng(1)
-    found = {
-        name: tuple(Packet(name, encode(any_message(cls, rng))) for _ in range(EXAMPLES))
+    bodies = {
+        name: tuple(Packet(name, encode(any_message(cls, rng))) for _ in range(n_examples))
         for name, cls in TYPES.items()
     }
     header = Header(7, 1, 17, 10**15, 1.5, schema_hash(TYPES["TactileFrame"]))
-    frame = pack_frame("/touch/raw", header, found["TactileFrame"][0].data)
+    frame = pack_frame("/touch/raw", header, bodies["TactileFrame"][0].data)
     call = bus.join_call("finger_1/filter", 2, "simulator")
     words: dict[str, list[bytes]] = {
         "frame": [frame],
@@ -224,13 +222,13 @@ def _examples() -> dict[str, tuple[Packet, ...]]:
         "node": [msgpack.packb(word) for word in _NODE_WORDS],
         "launcher": [msgpack.packb(word) for word in _LAUNCHER_WORDS],
     }
-    return found | {name: tuple(Packet(name, one) for one in all_) for name, all_ in words.items()}
+    return bodies | {name: tuple(Packet(name, d) for d in data) for name, data in words.items()}
 
 
 def any_message(cls: type, rng: np.random.Generator) -> Any:
-    """Some message of a type, every field of which is drawn."""
+    """A random message of a type."""
     hints = get_type_hints(cls, include_extras=True)
-    return cls(**{one.name: _value(hints[one.name], rng) for one in dataclasses.fields(cls)})
+    return cls(**{field.name: _value(hints[field.name], rng) for field in dataclasses.fields(cls)})
 
 
 def _value(hint: Any, rng: np.random.Generator) -> Any:
@@ -257,46 +255,46 @@ def file_of(records: list[Record]) -> bytes:
     return MAGIC + b"".join(packed) + MAGIC
 
 
-def _hurt_records(rng: random.Random, records: list[Record]) -> list[Record]:
-    hurt = list(records)
-    at, other = rng.randrange(len(hurt)), rng.randrange(len(hurt))
+def _damaged_records(rng: random.Random, records: list[Record]) -> list[Record]:
+    damaged = list(records)
+    at, other = rng.randrange(len(damaged)), rng.randrange(len(damaged))
     match rng.randrange(6):
         case 0:
-            del hurt[at]
+            del damaged[at]
         case 1:
-            hurt.insert(other, hurt[at])
+            damaged.insert(other, damaged[at])
         case 2:
-            hurt[at], hurt[other] = hurt[other], hurt[at]
+            damaged[at], damaged[other] = damaged[other], damaged[at]
         case 3:
-            hurt[at] = hurt[at]._replace(code=rng.randrange(256))
+            damaged[at] = damaged[at]._replace(code=rng.randrange(256))
         case 4:
-            hurt[at] = hurt[at]._replace(code=rng.choice((1, 3, 4, 5, 6, 12, 15)))
+            damaged[at] = damaged[at]._replace(code=rng.choice((1, 3, 4, 5, 6, 12, 15)))
         case _:
-            content = mutate_bytes(rng, hurt[at].content, hurt[other].content)
-            hurt[at] = hurt[at]._replace(content=content)
-    return hurt
+            content = mutate_bytes(rng, damaged[at].content, damaged[other].content)
+            damaged[at] = damaged[at]._replace(content=content)
+    return damaged
 
 
-def _hurt_chunk(rng: random.Random, record: Record) -> Record:
-    """A chunk whose content is hurt and whose checksum is right; other records as they are."""
+def _damaged_chunk(rng: random.Random, record: Record) -> Record:
+    """A chunk with damaged content and a correct checksum; other records unchanged."""
     if record.code != CHUNK or rng.random() < 0.5:
         return record
     head, packed = record.content[:16], record.content[43:]
     content = lz4.frame.decompress(packed)
     inner = mutate_bytes(rng, content, content) if rng.random() < 0.5 else _reheaded(rng, content)
-    size = len(inner) if rng.random() < 0.9 else rng.choice(NUMBERS) % 2**64
+    size = len(inner) if rng.random() < 0.9 else rng.choice(BOUNDARY_NUMBERS) % 2**64
     return chunk(inner, size, head)
 
 
 def chunk(content: bytes, size: int, head: bytes = bytes(16)) -> Record:
-    """A chunk packed by lz4 that states a size."""
+    """A chunk packed by lz4, with a stated size."""
     packed = lz4.frame.compress(content)
     middle = struct.pack("<QII3sQ", size, zlib.crc32(content), 3, b"lz4", len(packed))
     return Record(CHUNK, head + middle + packed)
 
 
 def _reheaded(rng: random.Random, content: bytes) -> bytes:
-    """Records of a chunk, one of which has another code or length."""
+    """Records of a chunk, one of them with another code or length."""
     places, at = [], 0
     while at < len(content):
         places.append(at)
@@ -306,18 +304,17 @@ def _reheaded(rng: random.Random, content: bytes) -> bytes:
     if rng.random() < 0.5:
         code = rng.randrange(16)
     else:
-        length = rng.choice((length - 1, length + 1, *NUMBERS)) % 2**64
+        length = rng.choice((length - 1, length + 1, *BOUNDARY_NUMBERS)) % 2**64
     return content[:at] + _HEAD.pack(code, length) + content[at + _HEAD.size :]
 
 
 def read_recordings(path: Path) -> None:
-    """Read a recording from end to end.
+    """Read a recording from its start to its end.
 
-    Raises ValueError if it is refused. Raises AssertionError if it is accepted and has other
-    messages than it says; or if the sentence is none.
+    Raises ValueError if it is refused, and AssertionError if its messages differ from its counts.
     """
     recording = open_recording(path)
     counts = dict.fromkeys(recording.counts, 0)
     for kept in recording.messages():
         counts[kept.topic] += 1
-    assert counts == recording.counts, "has other messages than it says"
+    assert counts == recording.counts, "its messages differ from its counts"

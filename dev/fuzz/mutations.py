@@ -1,4 +1,4 @@
-"""Damage to bytes, to text, to trees of values, and to what msgpack packs."""
+"""Damage to bytes, texts, trees of values, and packed msgpack."""
 
 from __future__ import annotations
 
@@ -12,12 +12,25 @@ from typing import Any, Literal, NamedTuple
 
 import msgpack
 
-# At which integers of some width end.
-NUMBERS = (0, 1, -1, 127, 128, 255, 256, 2**15, 2**16 - 1, 2**31 - 1, 2**31, 2**32 - 1, 2**63 - 1)
-FLOATS = (0.0, -0.0, 1e-320, 1e30, -1e308, float("inf"), float("-inf"), float("nan"))
-LONGEST_SPAN = 64  # Of a span that is inserted, deleted or doubled, but now and then
+# At and beside the limits of integers of some width.
+BOUNDARY_NUMBERS = (
+    0,
+    1,
+    -1,
+    127,
+    128,
+    255,
+    256,
+    2**15,
+    2**16 - 1,
+    2**31 - 1,
+    2**31,
+    2**32 - 1,
+    2**63 - 1,
+)
+BOUNDARY_FLOATS = (0.0, -0.0, 1e-320, 1e30, -1e308, float("inf"), float("-inf"), float("nan"))
 _WORD = re.compile(rb"[^\s,:\[\]{}]+")
-# Put in the place of words.
+# Replacements of words.
 HOSTILE_WORDS: tuple[bytes, ...] = (
     *b"nan inf -inf -1 0 1e309 -1e308 1e-400 2000000000 4294967296 -9223372036854775808".split(),
     *(b"9" * 30, b"9" * 5000, b"0x10", b"0x" + b"f" * 400, b"1_0"),
@@ -26,39 +39,33 @@ HOSTILE_WORDS: tuple[bytes, ...] = (
     b"\xef\xbb\xbf",  # a byte order mark
     *(b"\\", b"#"),
 )
-# Heads of values: lengths that nobody sent, extensions, what msgpack has no meaning for.
+# Heads of values: lengths without content, extensions, and codes without meaning in msgpack.
 _PREFIXES = """\
 ddffffffff dfffffffff c6ffffffff dbffffffff c9ffffffff01 dcffff deffff daffff dd00100000
 c7ff05 d40100 d6ff00000000 d7ffffffffffffffffff c1 c400 cfffffffffffffffff d38000000000000000
 cb7ff0000000000000 ca7fc00000"""
-PREFIXES = tuple(bytes.fromhex(one) for one in _PREFIXES.split())
-DEEPEST = 2000
+PREFIXES = tuple(bytes.fromhex(code) for code in _PREFIXES.split())
 _MARK = "\0the place of the damage\0"
 Tree = Any  # Maps, lists, texts, bytes and numbers
 TreePath = tuple[str | int, ...]
-FIRST = 8  # Entries of a list that are looked at
 
 
 def mutate_bytes(rng: random.Random, data: bytes, other: bytes = b"") -> bytes:
-    """Bytes with one to four kinds of damage.
-
-    `rng`: chooses. `data`: what is damaged. `other`: some other input, of which parts may be put
-    in.
-    """
+    """Bytes with one to four kinds of damage; parts of an `other` input may be inserted."""
     for _ in range(rng.choice((1, 1, 1, 2, 4))):
         data = rng.choice(BYTE_MUTATIONS)(rng, data, other)
     return data
 
 
 def mutate_text(rng: random.Random, text: bytes, words: Sequence[bytes] = HOSTILE_WORDS) -> bytes:
-    """A text with one to three kinds of damage; `words` are put in the place of others."""
+    """A text with one to three kinds of damage; some replace a word by one of `words`."""
     for _ in range(rng.choice((1, 1, 2, 3))):
         text = rng.choice(TEXT_MUTATIONS)(rng, text, words)
     return text
 
 
 def mutate_body(rng: random.Random, body: Tree) -> bytes:
-    """A value, packed, with one place of it damaged."""
+    """A packed value with damage in one place."""
     path = rng.choice(tree_paths(body))
     if rng.random() < 0.35:
         packed: bytes = msgpack.packb(with_value(body, path, _MARK))
@@ -69,41 +76,41 @@ def mutate_body(rng: random.Random, body: Tree) -> bytes:
 
 
 def _raw(rng: random.Random) -> bytes:
-    """Bytes that no packer makes."""
+    """Bytes that a packer does not produce."""
     if rng.random() < 0.7:
         return rng.choice(PREFIXES) + rng.randbytes(rng.choice((0, 0, 4, 16)))
-    depth = rng.choice((2, 8, 9, 500, 1023, 1024, DEEPEST))
+    depth = rng.choice((2, 8, 9, 500, 1023, 1024, 2000))
     if rng.random() < 0.5:
         return b"\x91" * depth + b"\xc0"
     return b"\x81\xa1a" * depth + b"\xc0"
 
 
-def tree_paths(tree: Tree, path: TreePath = ()) -> list[TreePath]:
-    """Paths of a value and of all within it."""
-    found: list[TreePath] = [path]
+def tree_paths(tree: Tree, path: TreePath = (), max_entries: int = 8) -> list[TreePath]:
+    """Paths of a value and of all values inside; of lists only the first entries."""
+    paths: list[TreePath] = [path]
     if isinstance(tree, dict):
         for key, item in tree.items():
-            found += tree_paths(item, (*path, key))
+            paths += tree_paths(item, (*path, key), max_entries)
     elif isinstance(tree, list):
-        for i, item in enumerate(tree[:FIRST]):
-            found += tree_paths(item, (*path, i))
-    return found
+        for i, item in enumerate(tree[:max_entries]):
+            paths += tree_paths(item, (*path, i), max_entries)
+    return paths
 
 
 def value_at(tree: Tree, path: TreePath) -> Tree:
-    """The value in a place."""
+    """The value at a path."""
     for key in path:
         tree = tree[key]
     return tree
 
 
 def with_value(tree: Tree, path: TreePath, new: Tree) -> Tree:
-    """The tree with another value in this place."""
+    """The tree with another value at a path."""
     if not path:
         return new
     if isinstance(tree, dict):
         return {**tree, path[0]: with_value(tree[path[0]], path[1:], new)}
-    return [with_value(one, path[1:], new) if i == path[0] else one for i, one in enumerate(tree)]
+    return [with_value(v, path[1:], new) if i == path[0] else v for i, v in enumerate(tree)]
 
 
 class InputFile(NamedTuple):
@@ -115,12 +122,12 @@ class InputFile(NamedTuple):
 
 def _changed(flip: bool, rng: random.Random, data: bytes, _: bytes) -> bytes:
     """Some bytes with one bit flipped, or replaced."""
-    hurt = bytearray(data)
+    damaged = bytearray(data)
     for _i in range(rng.choice((1, 1, 2, 8)) if data else 0):
         new = 0 if flip else rng.randrange(256)
-        at = rng.randrange(len(hurt))
-        hurt[at] = hurt[at] ^ 1 << rng.randrange(8) if flip else new
-    return bytes(hurt)
+        at = rng.randrange(len(damaged))
+        damaged[at] = damaged[at] ^ 1 << rng.randrange(8) if flip else new
+    return bytes(damaged)
 
 
 def _inserted(rng: random.Random, data: bytes, _: bytes) -> bytes:
@@ -139,30 +146,31 @@ def _doubled(rng: random.Random, data: bytes, _: bytes) -> bytes:
     return data[:end] + data[at:]
 
 
-def _length(rng: random.Random) -> int:
-    return rng.randint(1, LONGEST_SPAN * (1 if rng.random() < 0.95 else 100))
+def _length(rng: random.Random, max_usual: int = 64) -> int:
+    """Length of a span that is inserted, deleted or doubled; rarely a long one."""
+    return rng.randint(1, max_usual * (1 if rng.random() < 0.95 else 100))
 
 
 def _overwritten(rng: random.Random, data: bytes, _: bytes) -> bytes:
-    """A number from a boundary, in some width and order, in the place of what was there."""
+    """A boundary number of some width and byte order, over other bytes."""
     order: Literal["little", "big"] = "little" if rng.choice("<>") == "<" else "big"
     if rng.random() < 0.3:
-        number = struct.pack("<d" if order == "little" else ">d", rng.choice(FLOATS))
+        number = struct.pack("<d" if order == "little" else ">d", rng.choice(BOUNDARY_FLOATS))
     else:
         width = rng.choice((1, 2, 4, 8))
-        number = (rng.choice(NUMBERS) % (1 << 8 * width)).to_bytes(width, order)
+        number = (rng.choice(BOUNDARY_NUMBERS) % (1 << 8 * width)).to_bytes(width, order)
     at = rng.randrange(max(len(data) - len(number), 0) + 1)
     return data[:at] + number + data[at + len(number) :]
 
 
 def _reworded(rng: random.Random, text: bytes, words: Sequence[bytes]) -> bytes:
-    """Another word in some kB of a text, more often of its beginning, where headers are."""
+    """Another match in a part of a text, more often in its beginning, where headers are."""
     start = 0 if rng.random() < 0.4 else rng.randrange(len(text) + 1)
-    found = list(_WORD.finditer(text, start, start + 400))
-    if not found:
+    matches = list(_WORD.finditer(text, start, start + 400))
+    if not matches:
         return text + rng.choice(words)
-    word = rng.choice(found)
-    return text[: word.start()] + rng.choice(words) + text[word.end() :]
+    match = rng.choice(matches)
+    return text[: match.start()] + rng.choice(words) + text[match.end() :]
 
 
 def _relined(rng: random.Random, text: bytes, _: Sequence[bytes]) -> bytes:
@@ -183,7 +191,7 @@ def _relined(rng: random.Random, text: bytes, _: Sequence[bytes]) -> bytes:
 
 
 def _reblanked(rng: random.Random, text: bytes, _: Sequence[bytes]) -> bytes:
-    """Other ends of lines, other blanks."""
+    """Other ends of lines or other blanks."""
     old, new = rng.choice(
         ((b"\n", b"\r\n"), (b"\n", b"\r"), (b" ", b"\t"), (b" ", b""), (b"\n", b"\n\n\n"))
     )
@@ -191,8 +199,8 @@ def _reblanked(rng: random.Random, text: bytes, _: Sequence[bytes]) -> bytes:
 
 
 def _other(rng: random.Random, _: Tree) -> Tree:
-    """A value of some other type."""
-    number, float_ = rng.choice(NUMBERS), rng.choice(FLOATS)
+    """A value of another type."""
+    number, float_ = rng.choice(BOUNDARY_NUMBERS), rng.choice(BOUNDARY_FLOATS)
     text, data = "x" * rng.choice((1, 40, 4096, 4097)), rng.randbytes(rng.choice((1, 8, 56)))
     nothing: Tree = [None] * rng.choice((1, 3, 4097))
     nested: Tree = [[]] * rng.choice((1, 200, 4096))
@@ -205,7 +213,7 @@ def _other(rng: random.Random, _: Tree) -> Tree:
 
 
 def _array(rng: random.Random, value: Tree) -> Tree:
-    """An array with another dtype, shape or content; some other value where there is none."""
+    """An array with another dtype, shape or content; another value in place of other types."""
     if not isinstance(value, dict) or value.keys() != {"dtype", "shape", "data"}:
         return _other(rng, value)
     held: bytes = value["data"]
@@ -215,7 +223,7 @@ def _array(rng: random.Random, value: Tree) -> Tree:
     changes: tuple[Tree, ...] = (
         {"dtype": rng.choice(dtypes)},
         *({"shape": shape[::-1]}, {"shape": [math.prod(shape)]}, {"shape": [*shape, 1]}),
-        {"shape": [rng.choice(NUMBERS) for _ in shape]},
+        {"shape": [rng.choice(BOUNDARY_NUMBERS) for _ in shape]},
         *({"shape": [0, 2**63 - 1]}, {"shape": [0] * len(shape), "data": b""}),
         *({"shape": [-1, *shape[1:]]}, {"shape": [float(n) for n in shape]}),
         *({"data": held[:-1]}, {"data": held + b"\0"}, {"data": rng.randbytes(len(held))}),
@@ -249,7 +257,7 @@ def _renamed(rng: random.Random, value: Tree) -> Tree:
     return _other(rng, value)
 
 
-# Ways to damage bytes, text and values; what comes more often stands more often.
+# Kinds of damage; frequent ones are repeated.
 BYTE_MUTATIONS: tuple[Callable[[random.Random, bytes, bytes], bytes], ...] = (
     *(partial(_changed, True), partial(_changed, False)),
     lambda rng, data, _: data[: rng.randrange(len(data) + 1)],

@@ -1,1 +1,1 @@
-"""Changes of single lines of the product: how many of them some test catches."""
+"""Changes of single lines of the product, and how many of them a test catches."""

@@ -1,18 +1,18 @@
-"""Change single lines of the product, one at a time, and count how many changes some test catches.
+"""Change single lines of the product, one at a time, and count the changes that a test catches.
 
 ``python -m dev.mutation TREE --work DIR --sites SITES.json --out RESULTS.jsonl``
 
-The tree is copied to the work folder, and nothing is ever written elsewhere. The suite runs
-once there with coverage, one context a test: that says which tests execute which line. Each
-change then runs at most 60 of them, narrow ones and those of the mirrored file before others, the
-fastest first, until one fails. A line that no test executes in process falls back on the tests of
-the mirrored folder.
+The tree is copied to the work folder, and only that folder, SITES.json and RESULTS.jsonl are
+written. The suite runs there once with coverage and a context for each test, which gives the tests
+that execute each line. For each change at most 60 of these run, the fastest first, until one fails;
+they are chosen from the mirrored file first, and those that execute few lines before others. For a
+line that no test executes in process, the tests of the mirrored folder run.
 
-The sites are drawn by seed when SITES.json does not exist, else read from it: a change is found
-again in a tree whose files were moved, merged and renamed by the shape of its function, which
-knows no names, then by the function's name, then by the text or shape of its statement.
+The sites are drawn by seed if SITES.json does not exist, else read from it. After files and names
+of the tree have changed, a site is located by the shape of its function (a hash without names),
+then by the function's name, then by the text or shape of its statement.
 
-Needs coverage, beside what the tests need. Lines that RESULTS.jsonl has already are not run again.
+Needs coverage, beside what the tests need. Sites with a row in RESULTS.jsonl are not run again.
 """
 
 from __future__ import annotations
@@ -32,24 +32,23 @@ from dev.mutation.runs import confirm, copy_tree, environment, preload, restore,
 from dev.mutation.selection import GRAPH, Tests, measure
 from dev.mutation.sites import Site, bodies_of, draw, find, target
 
-# They start processes, or compare bytes: not what says what is wrong.
+# Tests that start processes or compare bytes, and do not say what is wrong.
 IGNORED = (GRAPH, "tests/golden")
-SLOWEST = 15  # A test that takes longer is none of those that are chosen from, s
-MARKS = ("-m", "not slow and not graph")
+PYTEST_OPTIONS = ("-m", "not slow and not graph", "--timeout=15")  # Slower tests are not chosen
 
 
 def report(rows: Sequence[Mapping[str, Any]]) -> str:
-    """The figures, and what survived."""
+    """Counts by result and kind, and the changes that no test catches."""
     counts = Counter(row["result"] for row in rows).most_common()
-    lines = [f"{len(rows)} changes: " + ", ".join(f"{n} {what}" for what, n in counts)]
+    lines = [f"{len(rows)} changes: " + ", ".join(f"{n} {result}" for result, n in counts)]
     for kind in sorted({row["kind"] for row in rows}):
-        some = Counter(row["result"] for row in rows if row["kind"] == kind)
-        lines.append(f"  {kind}: {some['caught']} of {sum(some.values())} caught")
+        results = Counter(row["result"] for row in rows if row["kind"] == kind)
+        lines.append(f"  {kind}: {results['caught']} of {sum(results.values())} caught")
     bare = [row for row in rows if row.get("covered") is False]
     caught = sum(row["result"] == "caught" for row in bare)
     lines.append(f"  on lines that no test executes in process: {caught} of {len(bare)} caught")
-    how = Counter(row["found_by"] for row in rows if "found_by" in row)
-    lines.append("  found by " + ", ".join(f"{name} {n}" for name, n in how.most_common()))
+    ways = Counter(row["found_by"] for row in rows if "found_by" in row)
+    lines.append("  located by " + ", ".join(f"{name} {n}" for name, n in ways.most_common()))
     for row in rows:
         if row["result"] != "caught":
             place = row.get("now", f"{row['file']}:{row['line']}")
@@ -67,37 +66,65 @@ def _short(text: str) -> str:
 
 
 def main(argv: Sequence[str]) -> int:
+    options = _parser().parse_args(argv)
+    tree, work, out = (path.resolve() for path in (options.tree, options.work, options.out))
+    if options.measure:
+        measure(work, [*(f"--ignore={path}" for path in options.ignore), *PYTEST_OPTIONS])
+        return 0
+    sites = _sites(options.sites, tree, options.count, options.seed)
+    if options.find:
+        _print_places(sites, tree)
+        return 0
+    _prepare_copy(tree, work, argv)
+    tests = Tests(work, options.ignore)
+    print(f"{len(tests.cpu)} tests to choose from, {len(tests.tests)} collected", flush=True)
+    preload(tests.modules)
+    _run_sites(sites, work, tests, out)
+    confirm(work, out)
+    print(report(_rows(out)))
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("tree", type=Path, help="checkout whose product is changed (in a copy)")
+    parser.add_argument("tree", type=Path, help="checkout whose product is changed, in a copy")
     parser.add_argument("--work", type=Path, required=True, help="folder for copy and coverage")
-    parser.add_argument("--sites", type=Path, required=True, help="changes; drawn if not there")
+    parser.add_argument(
+        "--sites", type=Path, required=True, help="changes; drawn if there are none"
+    )
     parser.add_argument("--out", type=Path, required=True, help="results, JSON lines")
     parser.add_argument("--count", type=int, default=200)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--ignore", action="append", default=list(IGNORED), help="tests left out")
-    parser.add_argument("--find", action="store_true", help="only say what is found, and where")
+    parser.add_argument("--find", action="store_true", help="only print where changes are located")
     parser.add_argument("--measure", action="store_true", help=argparse.SUPPRESS)
-    told = parser.parse_args(argv)
-    tree, work, out = told.tree.resolve(), told.work.resolve(), told.out.resolve()
-    options = [f"--ignore={one}" for one in told.ignore]
-    options += [*MARKS, f"--timeout={SLOWEST}"]
-    if told.measure:
-        measure(work, options)
-        return 0
-    bodies = bodies_of(tree)
-    if not told.sites.exists():
-        drawn = [asdict(site) for site in draw(bodies, told.count, told.seed)]
-        told.sites.write_text(json.dumps(drawn, indent=1, ensure_ascii=False) + "\n")
-    sites = [Site(**one) for one in json.loads(told.sites.read_text())]
-    if told.find:
-        hits = [(site, find(bodies, site)) for site in sites]
-        for site, hit in hits:
-            place = "not found"
-            if hit is not None:
-                place = f"{hit[0].file}:{target(hit[1]).lineno} {hit[2]}"
-            print(f"{site.number} {site.file}:{site.line} {site.function} {site.kind}: {place}")
-        print(Counter("not found" if hit is None else hit[2] for _, hit in hits))
-        return 0
+    return parser
+
+
+def _sites(path: Path, tree: Path, count: int, seed: int) -> list[Site]:
+    """Sites of a file; they are drawn and written if it does not exist."""
+    if not path.exists():
+        drawn = [asdict(site) for site in draw(bodies_of(tree), count, seed)]
+        path.write_text(json.dumps(drawn, indent=1, ensure_ascii=False) + "\n")
+    return [Site(**fields) for fields in json.loads(path.read_text())]
+
+
+def _print_places(sites: Sequence[Site], tree: Path) -> None:
+    """Print where each site is located in the tree."""
+    bodies, ways = bodies_of(tree), Counter[str]()
+    for site in sites:
+        hit, found_by = find(bodies, site), "not found"
+        place = found_by
+        if hit is not None:
+            body, point, found_by = hit
+            place = f"{body.file}:{target(point).lineno} {found_by}"
+        ways[found_by] += 1
+        print(f"{site.number} {site.file}:{site.line} {site.function} {site.kind}: {place}")
+    print(ways)
+
+
+def _prepare_copy(tree: Path, work: Path, argv: Sequence[str]) -> None:
+    """Copy the tree, set the environment of tests, and measure coverage, unless that is done."""
     work.mkdir(parents=True, exist_ok=True)
     if not (work / "tree").exists():
         copy_tree(tree, work)
@@ -108,11 +135,11 @@ def main(argv: Sequence[str]) -> int:
         subprocess.run(own, check=True, stdout=(work / "measure.txt").open("w"))
     sys.dont_write_bytecode = True
     os.environ["PYTHONDONTWRITEBYTECODE"] = "1"
-    tests = Tests(work, told.ignore)
-    print(f"{len(tests.cpu)} tests to choose from, {len(tests.tests)} collected", flush=True)
-    preload(tests.modules)
-    rows = [json.loads(line) for line in out.read_text().splitlines()] if out.exists() else []
-    done = {row["number"] for row in rows}
+
+
+def _run_sites(sites: Sequence[Site], work: Path, tests: Tests, out: Path) -> None:
+    """Run the tests of each site that has no row yet; append a row for each."""
+    done = {row["number"] for row in _rows(out)}
     bodies = bodies_of(work / "tree")
     for site in sites:
         if site.number in done:
@@ -121,11 +148,12 @@ def main(argv: Sequence[str]) -> int:
         with out.open("a") as file:
             file.write(json.dumps(row) + "\n")
         place = row.get("now", f"{site.file}:{site.line}")
-        ran = f"{row.get('tests', 0)} tests, {row.get('wall', 0.0):.0f} s"
-        print(f"{site.number} {row['result']} {place} {site.kind} ({ran})", flush=True)
-    confirm(work, out)
-    print(report([json.loads(line) for line in out.read_text().splitlines()]))
-    return 0
+        effort = f"{row.get('tests', 0)} tests, {row.get('wall', 0.0):.0f} s"
+        print(f"{site.number} {row['result']} {place} {site.kind} ({effort})", flush=True)
+
+
+def _rows(out: Path) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in out.read_text().splitlines()] if out.exists() else []
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Tests run on one change after the other, in children that have imported all but the product."""
+"""Runs of tests on changes, in children that have imported all modules but the product's."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import sys
 import time
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -26,27 +26,37 @@ from dev.mutation.selection import (
 )
 from dev.mutation.sites import ROOMS, Body, Point, Site, changed, find, target
 
-CPU_LIMIT = 60  # Of one change, s; one that comes so far hangs, and counts as caught
-WALL_LIMIT = 240.0  # The same on the clock: the machine may be shared
-# On the clock, of a folder's tests on a line that none executes in process; then it survived.
-FOLDER_LIMIT = 90.0
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunLimits:
+    """Limits of the tests of one change; times in [s]."""
+
+    cpu: int = 60  # a change that exceeds it hangs, and counts as caught
+    wall: float = 240.0  # the same elapsed: the machine may be shared
+    folder_wall: float = 90.0  # of a folder's tests; a change that exceeds it survives
+    folder_test: int = 40  # of each of these tests
+    confirming_wall: float = 1800.0  # of all tests without a change
+    poll_interval: float = 0.02
 
 
-class Chosen:
-    """A plugin of pytest: keeps the chosen tests, in their order, and remembers what failed."""
+LIMITS = RunLimits()
+
+
+class ChosenTests:
+    """A plugin of pytest that runs the chosen tests in their order and records failures."""
 
     def __init__(self, tests: Sequence[str], distrusted: Iterable[str]) -> None:
-        self.place = {one: i for i, one in enumerate(tests)}
+        self.order = {test: i for i, test in enumerate(tests)}
         self.distrusted = set(distrusted)
         self.failed: list[str] = []
         self.passed = 0
 
     def pytest_collection_modifyitems(self, items: list[Any]) -> None:
-        if self.place:
-            items[:] = [one for one in items if one.nodeid in self.place]
-            items.sort(key=lambda one: self.place[one.nodeid])
+        if self.order:
+            items[:] = [item for item in items if item.nodeid in self.order]
+            items.sort(key=lambda item: self.order[item.nodeid])
         else:
-            items[:] = [one for one in items if one.nodeid not in self.distrusted]
+            items[:] = [item for item in items if item.nodeid not in self.distrusted]
 
     def pytest_runtest_logreport(self, report: Any) -> None:
         if report.failed:
@@ -62,47 +72,60 @@ class Chosen:
 def run_tests(
     work: Path, files: Sequence[str], tests: Sequence[str], *, confirming: bool = False
 ) -> dict[str, Any]:
-    """Run tests in a child of this process, which has imported all but the product.
+    """Run tests in a child of this process, which has imported all modules but the product's.
 
     Returns
     -------
     dict
-        ``ended`` is ``passed``, ``failed``, ``cpu limit`` or ``wall limit``; ``failed`` has names.
+        ``ended`` is ``passed``, ``failed``, ``crashed``, ``cpu limit`` or ``wall limit``;
+        ``failed`` has names, ``passed`` a number, ``cpu`` and ``wall`` are times in s.
     """
-    limit = 1800.0 if confirming else WALL_LIMIT if tests else FOLDER_LIMIT
-    told = work / "told.json"
-    told.unlink(missing_ok=True)
-    began = time.monotonic()
+    limit = LIMITS.confirming_wall
+    if not confirming:
+        limit = LIMITS.wall if tests else LIMITS.folder_wall
+    result_file = work / "result.json"
+    result_file.unlink(missing_ok=True)
+    start = time.monotonic()
     pid = os.fork()
     if pid == 0:
-        _child(work, files, tests, told, confirming)
-    ended = ""
+        _child(work, files, tests, result_file, confirming)
+    status, usage, has_timed_out = _wait(pid, start + limit)
+    result: dict[str, Any] = {"failed": [], "passed": 0}
+    ended = "wall limit"
+    if result_file.exists():
+        result = json.loads(result_file.read_text())
+        is_broken = result["code"] not in (0, 1, 5)  # 5: there are no tests
+        ended = "failed" if result["failed"] else "crashed" if is_broken else "passed"
+    elif not has_timed_out:
+        is_limited = os.WIFSIGNALED(status) and os.WTERMSIG(status) == signal.SIGXCPU
+        ended = "cpu limit" if is_limited else "crashed"
+    result["ended"] = ended
+    result["cpu"] = round(usage.ru_utime + usage.ru_stime, 2)
+    result["wall"] = round(time.monotonic() - start, 2)
+    return result
+
+
+def _wait(pid: int, deadline: float) -> tuple[int, resource.struct_rusage, bool]:
+    """Wait for a child, and kill its session at the deadline and at its end.
+
+    Returns its status and usage, and whether the deadline passed.
+    """
+    has_timed_out = False
     while True:
         done, status, usage = os.wait4(pid, os.WNOHANG)
         if done:
             break
-        if time.monotonic() - began > limit:
-            ended = "wall limit"
+        if time.monotonic() > deadline:
+            has_timed_out = True
             os.killpg(pid, signal.SIGKILL)
-        time.sleep(0.02)
+        time.sleep(LIMITS.poll_interval)
     with suppress(ProcessLookupError):
-        os.killpg(pid, signal.SIGKILL)  # what the tests may have left behind
-    result: dict[str, Any] = {"failed": [], "passed": 0}
-    if told.exists():
-        result = json.loads(told.read_text())
-        broken = result["code"] not in (0, 1, 5)  # 5: there was no test
-        ended = "failed" if result["failed"] else "crashed" if broken else "passed"
-    elif not ended:
-        limited = os.WIFSIGNALED(status) and os.WTERMSIG(status) == signal.SIGXCPU
-        ended = "cpu limit" if limited else "crashed"
-    result["ended"] = ended
-    result["cpu"] = round(usage.ru_utime + usage.ru_stime, 2)
-    result["wall"] = round(time.monotonic() - began, 2)
-    return result
+        os.killpg(pid, signal.SIGKILL)  # processes that tests left behind
+    return status, usage, has_timed_out
 
 
 def _child(
-    work: Path, files: Sequence[str], tests: Sequence[str], told: Path, confirming: bool
+    work: Path, files: Sequence[str], tests: Sequence[str], result_file: Path, confirming: bool
 ) -> None:
     import pytest
 
@@ -111,24 +134,24 @@ def _child(
         os.setsid()
         usual_signals()
         if tests and not confirming:
-            resource.setrlimit(resource.RLIMIT_CPU, (CPU_LIMIT, CPU_LIMIT + 5))
+            resource.setrlimit(resource.RLIMIT_CPU, (LIMITS.cpu, LIMITS.cpu + 5))
         output = os.open(work / "output.txt", os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
         os.dup2(output, 1)
         os.dup2(output, 2)
         os.chdir(work / "tree")
         sys.path.insert(0, str(work / "tree"))
-        chosen = Chosen(tests, distrusted(work))
-        limit = "--timeout=0" if tests else "--timeout=40"
+        chosen = ChosenTests(tests, distrusted(work))
+        limit = f"--timeout={0 if tests else LIMITS.folder_test}"
         options = [*PYTEST, "-m", "not slow", limit, "--tb=short", *([] if confirming else ["-x"])]
         code = int(pytest.main([*options, *files], plugins=[chosen]))
         result = {"failed": chosen.failed, "passed": chosen.passed, "code": code}
-        told.write_text(json.dumps(result))
+        result_file.write_text(json.dumps(result))
     finally:
         os._exit(code)
 
 
 def preload(modules: Iterable[str]) -> None:
-    """Import what is not the product's, once for all children."""
+    """Import modules that are not the product's, once for all children."""
     import importlib
 
     for name in modules:
@@ -142,14 +165,14 @@ def preload(modules: Iterable[str]) -> None:
 
 
 def copy_tree(source: Path, work: Path) -> None:
-    """Copy the tree, links as links, without what is no part of it."""
+    """Copy the tree, links as links, without caches and environments."""
     skipped = (".git", ".venv", "runs", "*.egg-info", "__pycache__", ".*_cache")
     ignore = shutil.ignore_patterns(*skipped)
     shutil.copytree(source, work / "tree", symlinks=True, ignore=ignore)
 
 
 def restore(source: Path, work: Path) -> None:
-    """Take back a change that a killed run has left in the copy."""
+    """Undo a change that a killed run left in the copy."""
     for room in ROOMS:
         for path in (source / room).rglob("*.py"):
             own = work / "tree" / path.relative_to(source)
@@ -158,21 +181,21 @@ def restore(source: Path, work: Path) -> None:
 
 
 def environment(work: Path) -> dict[str, str]:
-    """The environment of the tests: the copy comes first, and nothing is compiled to disk."""
+    """The environment of the tests: the copy is first on the path, and one thread calculates."""
     path = [str(work / "tree"), *filter(None, [os.environ.get("PYTHONPATH")])]
     one_thread = {f"{name}_NUM_THREADS": "1" for name in ("OPENBLAS", "OMP", "MKL")}
     return {**os.environ, **one_thread, "PYTHONPATH": os.pathsep.join(path)}
 
 
 @contextmanager
-def standing(path: Path, point: Point, number: int) -> Iterator[None]:
-    """Have a change stand in its file for a while."""
+def applied(path: Path, point: Point, number: int) -> Iterator[None]:
+    """Apply a change to its file until the end of the context."""
     source, stat = path.read_text("utf-8"), path.stat()
     text = changed(source, point)
     compile(text, str(path), "exec")
     try:
         path.write_text(text, "utf-8")
-        later = stat.st_mtime + 100 + number  # or the compiled original would be taken for it
+        later = stat.st_mtime + 100 + number  # so that the compiled original is not used
         os.utime(path, (later, later))
         yield
     finally:
@@ -181,15 +204,15 @@ def standing(path: Path, point: Point, number: int) -> Iterator[None]:
 
 
 def distrusted(work: Path) -> list[str]:
-    """Tests of no coverage, as those that start graphs, that were seen to fail without a change."""
+    """Tests that failed without a change, as far as known."""
     path = work / "distrusted.json"
-    found: list[str] = json.loads(path.read_text()) if path.exists() else []
-    return found
+    tests: list[str] = json.loads(path.read_text()) if path.exists() else []
+    return tests
 
 
 def distrust(work: Path, failed: Sequence[str]) -> bool:
-    """Whether tests fail on the unchanged copy, too; they are remembered then."""
-    tests = [one for one in failed if not one.startswith("collecting")]
+    """Whether tests also fail on the unchanged copy; records those that do."""
+    tests = [test for test in failed if not test.startswith("collecting")]
     if not tests:
         return False
     wrong = run_tests(work, list(dict.fromkeys(map(file_of, tests))), tests)["failed"]
@@ -198,46 +221,47 @@ def distrust(work: Path, failed: Sequence[str]) -> bool:
 
 
 def run_site(work: Path, tests: Tests, bodies: Sequence[Body], site: Site) -> dict[str, Any]:
-    """Make one change, run its tests, take it back."""
+    """Apply one change, run its tests, and undo it."""
     row: dict[str, Any] = asdict(site) | {"result": "not found"}
-    found = find(bodies, site)
-    if found is None:
+    location = find(bodies, site)
+    if location is None:
         return row
-    body, point, how = found
+    body, point, found_by = location
     node = target(point)
-    row |= {"found_by": how, "now": f"{body.file}:{node.lineno}", "now_function": body.name}
+    row |= {"found_by": found_by, "now": f"{body.file}:{node.lineno}", "now_function": body.name}
     row |= {"now_before": ast.unparse(node), "now_after": point.after}
     chosen = tests.choose(body.file, node, point.statement)
     files = list(dict.fromkeys(map(file_of, chosen)))
     files = files or folder_of(tests.tree, body.file, site.file)
     row |= {"covered": bool(chosen), "tests": len(chosen)}
-    with standing(tests.tree / body.file, point, site.number):
-        ran = run_tests(work, files, chosen)
-    while not chosen and ran["failed"] and distrust(work, ran["failed"]):
-        with standing(tests.tree / body.file, point, site.number):
-            ran = run_tests(work, files, chosen)
-    row |= {"ended": ran["ended"], "by": ran["failed"][:1], "passed": ran["passed"]}
-    row |= {"cpu": ran["cpu"], "wall": ran["wall"]}
-    hung = ran["ended"] in ("cpu limit", "wall limit") and bool(chosen)
-    broke = ran["ended"] in ("failed", "crashed")
-    row["result"] = "caught" if hung or broke else "survived"
+    with applied(tests.tree / body.file, point, site.number):
+        result = run_tests(work, files, chosen)
+    while not chosen and result["failed"] and distrust(work, result["failed"]):
+        with applied(tests.tree / body.file, point, site.number):
+            result = run_tests(work, files, chosen)
+    row |= {"ended": result["ended"], "by": result["failed"][:1], "passed": result["passed"]}
+    row |= {"cpu": result["cpu"], "wall": result["wall"]}
+    has_hung = result["ended"] in ("cpu limit", "wall limit") and bool(chosen)
+    has_failed = result["ended"] in ("failed", "crashed")
+    row["result"] = "caught" if has_hung or has_failed else "survived"
     return row
 
 
 def confirm(work: Path, out: Path) -> None:
-    """Run the tests that caught something on the unchanged copy: one that fails there proves none.
+    """Run the tests that caught a change on the unchanged copy.
 
-    What it caught is written as ``doubtful``.
+    Changes whose test also fails there are marked ``doubtful``.
     """
     rows = [json.loads(line) for line in out.read_text().splitlines()]
-    names = sorted({one for row in rows if row["result"] == "caught" for one in row.get("by", [])})
-    tests = [one for one in names if not one.startswith("collecting")]
+    caught = [row for row in rows if row["result"] == "caught"]
+    names = sorted({test for row in caught for test in row.get("by", [])})
+    tests = [test for test in names if not test.startswith("collecting")]
     if not tests:
         return
     ran = run_tests(work, list(dict.fromkeys(map(file_of, tests))), tests, confirming=True)
     wrong = set(ran["failed"])
-    print(f"of {len(tests)} tests that caught something {len(wrong)} fail without a change, too")
-    for row in rows:
-        if row["result"] == "caught" and wrong & set(row.get("by", [])):
+    print(f"of {len(tests)} tests that caught a change {len(wrong)} also fail without it")
+    for row in caught:
+        if wrong & set(row.get("by", [])):
             row["result"] = "doubtful"
     out.write_text("".join(json.dumps(row) + "\n" for row in rows))

@@ -1,4 +1,4 @@
-"""Which test executes which line, measured once with coverage, and which are run on a change."""
+"""Tests that execute each line, measured with coverage, and the choice of tests for a change."""
 
 from __future__ import annotations
 
@@ -12,17 +12,25 @@ import sys
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Sequence
 from contextlib import closing
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-MOST_TESTS = 60
-BUDGET = 20.0  # Processor time that the chosen tests of one change take without it, s
 GRAPH = "tests/graph"
 PYTEST = ("-q", "-p", "no:cacheprovider", "-W", "ignore:Module already imported")
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SelectionSettings:
+    """How many tests run on a change."""
+
+    max_tests: int = 60
+    max_time: float = 20.0  # [s] processor time of these tests without a change
+    min_covering: int = 20  # tests that execute the line; with fewer, others of their files follow
+
+
 class Contexts:
-    """A plugin of pytest: a context of coverage for each test, and for each shared fixture."""
+    """A plugin of pytest with a context of coverage for each test and each shared fixture."""
 
     def __init__(self, coverage: Any) -> None:
         self.coverage = coverage
@@ -32,9 +40,9 @@ class Contexts:
     def pytest_collection_finish(self, session: Any) -> None:
         for item in session.items:
             info = getattr(item, "_fixtureinfo", None)
-            of = {} if info is None else info.name2fixturedefs
-            shared = [_fixture(one) for defs in of.values() for one in defs]
-            self.tests[item.nodeid] = {"fixtures": [one for one in shared if one], "cpu": None}
+            by_name = {} if info is None else info.name2fixturedefs
+            names = [_fixture(fixture) for fixtures in by_name.values() for fixture in fixtures]
+            self.tests[item.nodeid] = {"fixtures": [name for name in names if name], "cpu": None}
 
     def pytest_runtest_logstart(self, nodeid: str) -> None:
         self.coverage.switch_context(nodeid)
@@ -53,7 +61,7 @@ class Contexts:
             print(f"{self.done} of {len(self.tests)} tests", file=sys.__stderr__, flush=True)
 
     def wrap_fixture(self, pytest: Any) -> None:
-        """Have shared fixtures, too, run in contexts of their own."""
+        """Run shared fixtures in contexts of their own as well."""
         plugin = self
 
         @pytest.hookimpl(wrapper=True)  # type: ignore[untyped-decorator, unused-ignore]
@@ -71,7 +79,7 @@ class Contexts:
 
 
 def _fixture(fixturedef: Any) -> str | None:
-    """Name of a fixture's context; None for one that every test has to itself."""
+    """Name of a shared fixture's context; None for a fixture that each test sets up."""
     if fixturedef.scope == "function" or not fixturedef.baseid:
         return None
     return f"fixture {fixturedef.baseid}::{fixturedef.argname}"
@@ -85,7 +93,7 @@ def _cpu() -> float:
 
 
 def measure(work: Path, options: Sequence[str]) -> None:
-    """Run the suite of the copy with coverage; in a process of its own."""
+    """Run the suite of the copy with coverage; this needs a process of its own."""
     import coverage
     import pytest
 
@@ -106,7 +114,7 @@ def measure(work: Path, options: Sequence[str]) -> None:
     code = pytest.main([*PYTEST, *options], plugins=[contexts])
     cover.stop()
     cover.save()
-    homes = tuple(str(Path(one)) for one in sys.path if "site-packages" in one)
+    homes = tuple(str(Path(entry)) for entry in sys.path if "site-packages" in entry)
     modules = [
         name
         for name, module in sys.modules.items()
@@ -117,13 +125,13 @@ def measure(work: Path, options: Sequence[str]) -> None:
 
 
 def usual_signals() -> None:
-    """Undo what ``nohup`` and a shell's ``&`` leave to their children."""
+    """Restore the signal handlers that ``nohup`` and a shell's ``&`` change."""
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def quiet_hypothesis() -> None:
-    """The same examples every time, however slow the machine."""
+    """Make hypothesis deterministic, and without deadlines."""
     try:
         from hypothesis import settings
     except ImportError:
@@ -133,7 +141,7 @@ def quiet_hypothesis() -> None:
 
 
 class Tests:
-    """Which tests there are, what they cost, and what they execute."""
+    """All tests, their costs, and the lines that they execute."""
 
     def __init__(self, work: Path, ignored: Sequence[str]) -> None:
         from coverage import CoverageData
@@ -144,15 +152,15 @@ class Tests:
         self.tests: dict[str, Any] = kept["tests"]
         self.modules: list[str] = kept["modules"]
         self.cpu = {
-            name: one["cpu"]
-            for name, one in self.tests.items()
-            if one["cpu"] is not None
-            and not one.get("failed", True)
+            name: test["cpu"]
+            for name, test in self.tests.items()
+            if test["cpu"] is not None
+            and not test.get("failed", True)
             and not name.startswith(tuple(ignored))
         }
         self.users: dict[str, list[str]] = defaultdict(list)
-        for name, one in self.tests.items():
-            for fixture in one["fixtures"]:
+        for name, test in self.tests.items():
+            for fixture in test["fixtures"]:
                 self.users[fixture].append(name)
         self.data = CoverageData(str(work / "coverage.sqlite"))
         self.data.read()
@@ -166,38 +174,48 @@ class Tests:
                 self.breadth[context] += len(numbits_to_nums(bits))
 
     def executing(self, file: str, lines: Iterable[int]) -> set[str]:
-        """The tests that execute one of some lines."""
+        """The tests that execute one of the lines."""
         by_line = self.data.contexts_by_lineno(str((self.tree / file).resolve()))
-        contexts = {one for line in lines for one in by_line.get(line, ())}
-        tests = {user for one in contexts for user in self.users.get(one, ())} | contexts
-        return {one for one in tests if one in self.cpu}
+        contexts = {context for line in lines for context in by_line.get(line, ())}
+        users = {test for context in contexts for test in self.users.get(context, ())}
+        return {test for test in users | contexts if test in self.cpu}
 
-    def choose(self, file: str, node: ast.AST, statement: ast.stmt) -> list[str]:
-        """At most 60 tests for a change, the fastest first; empty if none executes it."""
+    def choose(
+        self,
+        file: str,
+        node: ast.AST,
+        statement: ast.stmt,
+        settings: SelectionSettings = SelectionSettings(),
+    ) -> list[str]:
+        """Tests for a change, the fastest first; empty if no test executes it."""
         covering = self.executing(file, _lines(node)) or self.executing(file, _lines(statement)[:1])
         if not covering:
             return []
-        own = {one for one in self.cpu if file_of(one) in mirrored(self.tree, file)}
-        near = {file_of(one) for one in covering}
-        beside = {one for one in self.cpu if file_of(one) in near} if len(covering) < 20 else set()
+        own = {test for test in self.cpu if file_of(test) in mirrored(self.tree, file)}
+        files = {file_of(test) for test in covering}
+        is_few = len(covering) < settings.min_covering
+        beside = {test for test in self.cpu if file_of(test) in files} if is_few else set()
         chosen: list[str] = []
         spent = 0.0
-        for some in (covering & own, covering - own, own - covering, beside - covering - own):
-            for one in self._in_turn(some):
-                if len(chosen) < MOST_TESTS and (spent + self.cpu[one] < BUDGET or not chosen):
-                    chosen.append(one)
-                    spent += self.cpu[one]
-        return sorted(chosen, key=lambda one: (self.cpu[one], one))
+        for tests in (covering & own, covering - own, own - covering, beside - covering - own):
+            for test in self._in_turn(tests):
+                has_time = spent + self.cpu[test] < settings.max_time
+                if len(chosen) < settings.max_tests and (has_time or not chosen):
+                    chosen.append(test)
+                    spent += self.cpu[test]
+        return sorted(chosen, key=lambda test: (self.cpu[test], test))
 
     def _in_turn(self, tests: set[str]) -> list[str]:
-        """Narrow tests first, and of each function one case before the second of any."""
+        """Tests that execute few lines first, and one case of each function before its second."""
         functions: dict[str, list[str]] = defaultdict(list)
-        for one in sorted(tests, key=lambda one: (self.breadth[one], one)):
-            functions[one.partition("[")[0]].append(one)
+        for test in sorted(tests, key=lambda test: (self.breadth[test], test)):
+            functions[test.partition("[")[0]].append(test)
         rounds = [
-            (i, self.breadth[one], one) for of in functions.values() for i, one in enumerate(of)
+            (i, self.breadth[test], test)
+            for cases in functions.values()
+            for i, test in enumerate(cases)
         ]
-        return [one for *_, one in sorted(rounds)]
+        return [test for *_, test in sorted(rounds)]
 
 
 def _lines(node: ast.AST) -> range:
@@ -210,19 +228,18 @@ def file_of(test: str) -> str:
 
 
 def mirrored(tree: Path, file: str) -> list[str]:
-    """The test files that bear the name of a product file."""
-    path = Path("tests") / file
-    begins = f"test_{path.stem}"
-    folder = tree / path.parent
-    found = sorted(folder.glob(f"{begins}*.py")) if folder.is_dir() else []
-    return [one.relative_to(tree).as_posix() for one in found]
+    """The test files with the name of a product file."""
+    mirror = Path("tests") / file
+    folder = tree / mirror.parent
+    paths = sorted(folder.glob(f"test_{mirror.stem}*.py")) if folder.is_dir() else []
+    return [path.relative_to(tree).as_posix() for path in paths]
 
 
 def folder_of(tree: Path, file: str, before: str) -> list[str]:
     """Test files for a line that no test executes in process.
 
-    First those of the file's own name, then those that share a word with it or with its name
-    before a move, and of these all that start graphs, then the rest of the mirrored folder.
+    First those with the file's name, then those that share a word with it or with its name in
+    `before`, also of the folder that starts graphs, then the rest of these folders.
     """
     folder = Path("tests") / Path(file).parent
     while not (tree / folder).is_dir():
@@ -233,9 +250,9 @@ def folder_of(tree: Path, file: str, before: str) -> list[str]:
     def order(path: str) -> tuple[bool, int, str]:
         return path not in own, -len(words & set(Path(path).stem.split("_"))), path
 
-    near = [one.relative_to(tree).as_posix() for one in (tree / folder).glob("test_*.py")]
-    graph = [one.relative_to(tree).as_posix() for one in (tree / GRAPH).glob("test_*.py")]
-    like = [one for one in (*near, *graph) if order(one)[1] < 0 or one in own]
-    rest = sorted(set(near) - set(like)), sorted(set(graph) - set(like))
-    starts = Path(file).parts[0] in ("nodes", "launch", "messages", "tools")
-    return [*sorted(like, key=order), *(rest[1] if starts else []), *rest[0]]
+    near = [path.relative_to(tree).as_posix() for path in (tree / folder).glob("test_*.py")]
+    graph = [path.relative_to(tree).as_posix() for path in (tree / GRAPH).glob("test_*.py")]
+    similar = [path for path in (*near, *graph) if order(path)[1] < 0 or path in own]
+    rest = sorted(set(near) - set(similar)), sorted(set(graph) - set(similar))
+    is_started = Path(file).parts[0] in ("nodes", "launch", "messages", "tools")
+    return [*sorted(similar, key=order), *(rest[1] if is_started else []), *rest[0]]

@@ -1,4 +1,4 @@
-"""What can be changed in the product, and how a change is found again in another tree."""
+"""Changes of the product, and their location in another tree."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-# Folders whose functions are changed; benches and the public face are not among them.
+# Folders whose functions are changed.
 ROOMS = ("core", "messages", "nodes", "launch", "tools")
-# Folders within them that measure, print or are templates, and files of old trees that did.
+# Folders and, in older trees, files that measure, print or are templates.
 LEFT_OUT = ("bench", "cli", "damage", "fuzz", "scenes", "templates", "drawing")
 LEFT_OUT_FILES = ("bench_", "figures_", "testing")
 LEFT_OUT_ENDS = ("_objects", "_objects_drawn", "_text", "_tables", "_peer", "_peers", "_examples")
@@ -38,7 +38,7 @@ Function = ast.FunctionDef | ast.AsyncFunctionDef
 
 @dataclass(frozen=True)
 class Point:
-    """A node of the tree, and what it becomes."""
+    """A node of the syntax tree, and the text that replaces it."""
 
     node: ast.expr | ast.stmt
     statement: ast.stmt
@@ -48,18 +48,18 @@ class Point:
 
 @dataclass(frozen=True)
 class Body:
-    """A top-level function or a method, with all that may be changed in it."""
+    """A top-level function or a method, with all its possible changes."""
 
     file: str
     name: str
-    exact: str
-    shape: str
+    exact: str  # Hash
+    shape: str  # Hash without names
     points: tuple[Point, ...]
 
 
 @dataclass(frozen=True)
 class Site:
-    """A change, told in a way that outlives moving and renaming."""
+    """A change, described so that it is located after moves and renames."""
 
     number: int
     file: str
@@ -78,22 +78,22 @@ class Site:
 
 def bodies_of(root: Path) -> list[Body]:
     """All functions of the product, in the order of files and lines."""
-    found: list[Body] = []
+    bodies: list[Body] = []
     for path in sorted(p for room in ROOMS for p in (root / room).rglob("*.py")):
         name = path.relative_to(root).as_posix()
         for qualified, function in _functions(ast.parse(path.read_text("utf-8")), ""):
             points = tuple(_points(function))
             if points:
                 exact, shape = _hash(function, names=True), _hash(function, names=False)
-                found.append(Body(name, qualified, exact, shape, points))
-    return found
+                bodies.append(Body(name, qualified, exact, shape, points))
+    return bodies
 
 
 def is_changed(file: str) -> bool:
     """Whether changes are drawn from a file."""
     *folders, last = Path(file).with_suffix("").parts
     return not (
-        any(one in LEFT_OUT for one in folders)
+        any(folder in LEFT_OUT for folder in folders)
         or last.startswith(LEFT_OUT_FILES)
         or last.endswith(LEFT_OUT_ENDS)
         or last in LEFT_OUT_NAMES
@@ -114,7 +114,7 @@ def _points(function: Function) -> Iterator[Point]:
 
 
 def _within(node: ast.AST, statement: ast.stmt) -> Iterator[Point]:
-    """What may be changed at a node and below it, in the order of the text."""
+    """Possible changes at a node and below it, in the order of the text."""
     if isinstance(node, ast.Raise | ast.Assert | ast.Import | ast.ImportFrom | ast.JoinedStr):
         return
     if isinstance(node, ast.stmt):
@@ -133,7 +133,7 @@ def _within(node: ast.AST, statement: ast.stmt) -> Iterator[Point]:
 
 
 def _changes(node: ast.expr | ast.stmt) -> Iterator[tuple[str, str]]:
-    """Kinds of change and the text that takes the node's place."""
+    """Kinds of change, and the text that replaces the node."""
     match node:
         case ast.BinOp(op=op) if type(op) in SIGNS and not _is_joined(node):
             yield "sign", _with(node, "op", SIGNS[type(op)]())
@@ -171,12 +171,12 @@ def _changes(node: ast.expr | ast.stmt) -> Iterator[tuple[str, str]]:
 
 
 def _is_joined(node: ast.BinOp | ast.AugAssign) -> bool:
-    """Whether a sum joins texts or lists: no other sign could even run."""
+    """Whether a sum joins texts or lists, for which no other sign is defined."""
     sides = [node.left, node.right] if isinstance(node, ast.BinOp) else [node.value]
     kinds = (ast.JoinedStr, ast.List, ast.Tuple, ast.ListComp)
     return any(
-        isinstance(one, kinds) or (isinstance(one, ast.Constant) and isinstance(one.value, str))
-        for one in sides
+        isinstance(side, kinds) or (isinstance(side, ast.Constant) and isinstance(side.value, str))
+        for side in sides
     )
 
 
@@ -188,12 +188,12 @@ def _with(node: ast.expr | ast.stmt, field: str, value: object) -> str:
 
 
 def target(point: Point) -> ast.expr | ast.stmt:
-    """The node whose text is replaced: of a guard only what it asks."""
+    """The node whose text is replaced: of a guard only its condition."""
     return point.node.test if isinstance(point.node, ast.If | ast.IfExp) else point.node
 
 
 def header(statement: ast.stmt) -> ast.AST:
-    """A statement without the statements within it."""
+    """A statement without the statements in it."""
     if not hasattr(statement, "body"):
         return statement
     bare = copy.copy(statement)
@@ -203,11 +203,11 @@ def header(statement: ast.stmt) -> ast.AST:
     return bare
 
 
-class _Plain(ast.NodeTransformer):
-    """Leaves what moving and renaming cannot change; text is dropped, names only if told so."""
+class _Normalised(ast.NodeTransformer):
+    """Removes what moves and renames change: texts, annotations, imports, and names on request."""
 
-    def __init__(self, names: bool) -> None:
-        self.names = names
+    def __init__(self, keeps_names: bool) -> None:
+        self.keeps_names = keeps_names
 
     def generic_visit(self, node: ast.AST) -> ast.AST:
         node = super().generic_visit(node)
@@ -219,8 +219,8 @@ class _Plain(ast.NodeTransformer):
         if hasattr(node, "decorator_list"):
             node.decorator_list = []
         if isinstance(node, Function | ast.ClassDef):
-            node.body = [one for one in node.body if not _is_text(one)] or [ast.Pass()]
-        if not self.names:
+            node.body = [child for child in node.body if not _is_text(child)] or [ast.Pass()]
+        if not self.keeps_names:
             for field in ("id", "attr", "arg", "name", "asname"):
                 if isinstance(getattr(node, field, None), str):
                     setattr(node, field, "_")
@@ -252,7 +252,7 @@ def _is_text(statement: ast.stmt) -> bool:
 
 
 def _hash(node: ast.AST, *, names: bool) -> str:
-    plain = _Plain(names).visit(copy.deepcopy(node))
+    plain = _Normalised(names).visit(copy.deepcopy(node))
     if isinstance(plain, Function) and names:
         plain.name = "_"
     text = "" if plain is None else ast.dump(plain)
@@ -264,21 +264,21 @@ def _statement_text(statement: ast.stmt) -> str:
 
 
 def draw(bodies: Sequence[Body], count: int, seed: int) -> list[Site]:
-    """Draw lines, and on each of them one change."""
+    """Draw lines at random, and one change on each."""
     lines: dict[tuple[str, int], list[tuple[Body, int]]] = defaultdict(list)
     for body in bodies:
         for i, point in enumerate(body.points):
             if is_changed(body.file):
                 lines[body.file, target(point).lineno].append((body, i))
-    chance = random.Random(seed)
-    chosen = chance.sample(sorted(lines), min(count, len(lines)))
-    return [_site(number, *_kind(chance, lines[one])) for number, one in enumerate(chosen)]
+    rng = random.Random(seed)
+    chosen = rng.sample(sorted(lines), min(count, len(lines)))
+    return [_site(number, *_kind(rng, lines[line])) for number, line in enumerate(chosen)]
 
 
-def _kind(chance: random.Random, on_line: Sequence[tuple[Body, int]]) -> tuple[Body, int]:
-    """One change of a line; each kind as likely, however many numbers stand there."""
-    kind = chance.choice(sorted({body.points[i].kind for body, i in on_line}))
-    return chance.choice([one for one in on_line if one[0].points[one[1]].kind == kind])
+def _kind(rng: random.Random, on_line: Sequence[tuple[Body, int]]) -> tuple[Body, int]:
+    """A random change of a line; all kinds on it are equally likely."""
+    kind = rng.choice(sorted({body.points[i].kind for body, i in on_line}))
+    return rng.choice([(body, i) for body, i in on_line if body.points[i].kind == kind])
 
 
 def _site(number: int, body: Body, ordinal: int) -> Site:
@@ -302,38 +302,43 @@ def _site(number: int, body: Body, ordinal: int) -> Site:
 
 
 def find(bodies: Sequence[Body], site: Site) -> tuple[Body, Point, str] | None:
-    """Where a change stands in a tree, and how it was found; None if nowhere, or unclear."""
-
-    def best(candidates: list[Body]) -> Body | None:
-        named = [one for one in candidates if one.name == site.function]
-        last = [one for one in candidates if _last(one.name) == _last(site.function)]
-        for some in (named, last, candidates):
-            near = [one for one in some if one.file == site.file] or some
-            if len(near) == 1:
-                return near[0]
-            if near and len({one.exact for one in near}) == 1:
-                return near[0]
-        return None
-
-    for how, same in (
-        ("body", [one for one in bodies if one.exact == site.exact]),
-        ("shape", [one for one in bodies if one.shape == site.shape]),
+    """Location of a change in a tree, and how it is found; None if it is missing or ambiguous."""
+    for found_by, same in (
+        ("body", [body for body in bodies if body.exact == site.exact]),
+        ("shape", [body for body in bodies if body.shape == site.shape]),
     ):
-        body = best(same)
-        if body is not None and site.ordinal < len(body.points):
-            point = body.points[site.ordinal]
+        best = _best(same, site)
+        if best is not None and site.ordinal < len(best.points):
+            point = best.points[site.ordinal]
             if point.kind == site.kind:
-                return body, point, how
-    named = [one for one in bodies if one.name == site.function]
-    near = [one for one in named if one.file == site.file] or named
-    others = [one for one in bodies if _last(one.name) == _last(site.function)]
-    for how, some in (("name", near), ("last name", others), ("statement", list(bodies))):
+                return best, point, found_by
+    named = [body for body in bodies if body.name == site.function]
+    near = [body for body in named if body.file == site.file] or named
+    renamed = [body for body in bodies if _last(body.name) == _last(site.function)]
+    for found_by, candidates in (
+        ("name", near),
+        ("last name", renamed),
+        ("statement", list(bodies)),
+    ):
         for exact in (True, False):
-            if not exact and how == "statement":
+            if not exact and found_by == "statement":
                 continue
-            found = [hit for body in some if (hit := _in_body(body, site, exact)) is not None]
-            if len(found) == 1:
-                return (*found[0], how)
+            hits = [hit for body in candidates if (hit := _in_body(body, site, exact)) is not None]
+            if len(hits) == 1:
+                return (*hits[0], found_by)
+    return None
+
+
+def _best(candidates: list[Body], site: Site) -> Body | None:
+    """The only candidate with the site's name or else its last name, or one of equal ones."""
+    named = [body for body in candidates if body.name == site.function]
+    last = [body for body in candidates if _last(body.name) == _last(site.function)]
+    for bodies in (named, last, candidates):
+        near = [body for body in bodies if body.file == site.file] or bodies
+        if len(near) == 1:
+            return near[0]
+        if near and len({body.exact for body in near}) == 1:
+            return near[0]
     return None
 
 
@@ -342,7 +347,7 @@ def _last(name: str) -> str:
 
 
 def _in_body(body: Body, site: Site, exact: bool) -> tuple[Body, Point] | None:
-    """The change in a function whose body is another one, by the statement alone."""
+    """The change in a function with another body, by the statement alone."""
     mates: dict[int, list[Point]] = defaultdict(list)
     for point in body.points:
         mates[id(point.statement)].append(point)

@@ -1,4 +1,4 @@
-"""The filter by itself: a frame goes in, compressions and touched taxels come out."""
+"""The filter by itself: a frame in, compressions and touched taxels out."""
 
 import numpy as np
 
@@ -9,7 +9,11 @@ from palpate.testing import drive, example, messages_on
 
 INFO = info_of(SensorSpec(), noise=0.0)
 x, y = np.meshgrid(*[(np.arange(16) - 7.5) * 1e-3] * 2)
-BUMP = np.maximum(1e-3 - (x**2 + y**2) / 0.04, 0.0)  # a ball, pressed in by 1 mm
+
+
+def bump():
+    """Compression [m] by a ball that is pressed in by 1 mm."""
+    return np.maximum(1e-3 - (x**2 + y**2) / 0.04, 0.0)
 
 
 def image_of(compression, **params):
@@ -20,20 +24,20 @@ def image_of(compression, **params):
     return image
 
 
-def test_clean_frame_comes_through_as_it_is():
-    image = image_of(BUMP)
-    assert np.allclose(image.compression, BUMP, atol=1e-12)
-    assert np.array_equal(image.mask, BUMP > 50e-6) and image.impulses == 0
+def test_clean_frame_is_unchanged():
+    image = image_of(bump())
+    assert np.allclose(image.compression, bump(), atol=1e-12)
+    assert np.array_equal(image.mask, bump() > 50e-6) and image.impulses == 0
 
 
-def test_taxel_that_reads_far_too_much_is_found_and_left_out():
-    broken = BUMP.copy()
+def test_taxel_far_too_large_is_left_out():
+    broken = bump()
     broken[3, 9] = 2.4e-3
     image = image_of(broken)
     assert image.impulses == 1 and not image.mask[3, 9]
 
 
-def test_median_of_neighbours_is_taken_if_asked_for():
-    spike = BUMP.copy()
+def test_median_order_lowers_a_spike():
+    spike = bump()
     spike[8, 8] += 0.3e-3
-    assert image_of(spike, order="median").compression[8, 8] < BUMP[8, 8] + 0.05e-3
+    assert image_of(spike, order="median").compression[8, 8] < bump()[8, 8] + 0.05e-3
