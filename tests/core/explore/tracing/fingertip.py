@@ -84,7 +84,7 @@ def scripted(pad: Pad, *arcs: SliceArc | None) -> Stepped:
 
 
 def repeated(
-    pad: Pad, *arcs: SliceArc | None, with_: SliceArc | None, most: int = 60, first: bool = False
+    pad: Pad, *arcs: SliceArc | None, answer: SliceArc | None, most: int = 60, first: bool = False
 ) -> tuple[list[TouchCommand], Trace, TouchCommand | tracing.TraceStatus]:
     """All further commands if each is answered with the same: to the end, or to the first arc."""
     trace, command = scripted(pad, *arcs)
@@ -93,7 +93,7 @@ def repeated(
         if first and trace.path is not None:
             break
         commands.append(command)
-        trace, command = next_command(pad, after_touch(trace, with_))
+        trace, command = next_command(pad, after_touch(trace, answer))
     return commands, trace, command
 
 
