@@ -106,7 +106,7 @@ def test_upright_object_is_sliced_in_world_axes_and_heights():
     assert origin[2] == 0.0 and origin[:2] == pytest.approx(PLACE[:2], abs=1e-4)
     assert (frame.low, frame.high) == pytest.approx((0.008, 0.092), abs=1e-4)
     ball = grasp(BALL, turn_of(0.5, 0.0, 0.0)).frame()  # it has no axis
-    assert ball.ambiguous and ball.axis_error == 0.0
+    assert ball.is_ambiguous and ball.axis_error == 0.0
     assert np.array_equal(axes_of(ball), np.eye(3))
     assert (ball.low, ball.high, ball.radius) == pytest.approx((0.02, 0.08, 0.03), abs=1e-4)
 
@@ -164,7 +164,7 @@ def test_few_contacts_give_frame_about_them(axis):
 
 def test_fit_at_bound_is_less_certain_and_more_contacts_more():
     sure, unsure = leaning().frame(), leaning().frame(warnings=("at a bound",))
-    assert unsure.ambiguous or unsure.axis_error > 3.0 * sure.axis_error
+    assert unsure.is_ambiguous or unsure.axis_error > 3.0 * sure.axis_error
     few = leaning().part(slice(None, 20)).frame(UP, rms=1e-3)
     many = leaning().frame(UP, rms=1e-3)
     assert many.place_error < few.place_error
@@ -264,12 +264,12 @@ def test_moments_are_those_of_ellipsoid_and_tetrahedron():
     body = mass_properties(vertices @ turn.T + [1.0, 2.0, 3.0], faces)
     assert body.volume == pytest.approx(4 / 3 * math.pi * 0.03 * 0.02 * 0.05, rel=3e-3)
     assert body.centroid == pytest.approx([1.0, 2.0, 3.0], abs=1e-9)
-    assert body.spread == pytest.approx(np.square([0.02, 0.03, 0.05]) / 5.0, rel=3e-3)
+    assert body.variances == pytest.approx(np.square([0.02, 0.03, 0.05]) / 5.0, rel=3e-3)
     assert np.abs(body.axes.T @ turn[:, [1, 0, 2]]) == pytest.approx(np.eye(3), abs=1e-6)
     assert np.linalg.det(body.axes) == pytest.approx(1.0)
-    assert body.sound and not mass_properties(vertices, faces[:, ::-1]).sound
+    assert body.is_sound and not mass_properties(vertices, faces[:, ::-1]).is_sound
     vertices = np.vstack([np.zeros(3), np.eye(3)])
     faces = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]], np.int32)
     body = mass_properties(vertices, faces)
     assert (body.volume, *body.centroid) == pytest.approx((1 / 6, 0.25, 0.25, 0.25))
-    assert body.spread.sum() == pytest.approx(3 * (1 / 10 - 1 / 16))
+    assert body.variances.sum() == pytest.approx(3 * (1 / 10 - 1 / 16))
