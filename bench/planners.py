@@ -69,7 +69,7 @@ def planner_rows(quick: bool) -> Iterable[Row]:
     yield from plan_calibration_rows(QUICK_PLAN_TOLERANCES if quick else PLAN_TOLERANCES)
     trial, heights = (
         rules.PlannerTrial(rules.TUNED["bottle"]),
-        rules.EXTENT * np.linspace(0.03, 0.97, 12),
+        rules.TRIAL.extent * np.linspace(0.03, 0.97, 12),
     )
     slices = tuple(trial.slice_at(height) for height in heights.tolist())
     decide = partial(rules.Predicted().next, rules.observation_of(slices, 0.0002))
@@ -114,10 +114,13 @@ def _counts(trials: Trials) -> tuple[Counts, Counts, Counts]:
 def greedy_count(trial: rules.PlannerTrial) -> int:
     """Slices for one who sees the truth, and always takes the height that helps most."""
     heights = (
-        rules.EXTENT * np.linspace(rules.END_SHARE, 1.0 - rules.END_SHARE, CANDIDATES)
+        rules.TRIAL.extent
+        * np.linspace(
+            rules.SliceSettings().end_fraction, 1.0 - rules.SliceSettings().end_fraction, CANDIDATES
+        )
     ).tolist()
     slices = [trial.slice_at(heights[0]), trial.slice_at(heights[-1])]
-    while trial.rms(slices) > DEMAND and len(slices) < rules.MOST_CONTOURS_PLANNED:
+    while trial.rms(slices) > DEMAND and len(slices) < rules.TRIAL.max_slices:
         taken = {one.height for one in slices}
         offers = [trial.slice_at(height) for height in heights if height not in taken]
         slices.append(min(offers, key=lambda one: trial.rms([*slices, one])))
@@ -145,7 +148,7 @@ def step_rule_rows(objects: Mapping[str, rules.Radius]) -> Iterable[Row]:
     }
     for name, rule in found.items():
         counts = np.array([plan_count(rule, one) for one in trials.values()])
-        good = counts[counts < rules.MOST_CONTOURS_PLANNED]
+        good = counts[counts < rules.TRIAL.max_slices]
         shown = f"{good.mean():.1f}, {len(counts) - len(good)} of {len(counts)} failed"
         yield Row(f"steps by {name}: contours where they suffice", shown)
     mean = float(np.mean(list(first_counts(rules.Predicted(), trials).values())))
@@ -158,12 +161,14 @@ def even_counts(trials: Trials, *, slopes: bool = True) -> Counts:
     """Of even slices, the fewest that do."""
 
     def fewest(trial: rules.PlannerTrial) -> int:
-        for count in range(2, rules.MOST_CONTOURS_PLANNED):
-            heights = rules.EXTENT * np.linspace(rules.END_SHARE, 1.0 - rules.END_SHARE, count)
+        for count in range(2, rules.TRIAL.max_slices):
+            heights = rules.TRIAL.extent * np.linspace(
+                rules.SliceSettings().end_fraction, 1.0 - rules.SliceSettings().end_fraction, count
+            )
             slices = [trial.slice_at(height) for height in heights.tolist()]
             if trial.rms(slices, slopes=slopes) <= DEMAND:
                 return count
-        return rules.MOST_CONTOURS_PLANNED
+        return rules.TRIAL.max_slices
 
     return {name: fewest(trial) for name, trial in trials.items()}
 
@@ -172,7 +177,7 @@ def first_counts(planner: rules.Planner, trials: Trials) -> Counts:
     """After how many slices of a plan the side is first good enough."""
     return {
         name: _first(errors_of(trial, rules.run_planner(planner, trial, DEMAND)[0]), DEMAND)
-        or rules.MOST_CONTOURS_PLANNED
+        or rules.TRIAL.max_slices
         for name, trial in trials.items()
     }
 
@@ -206,7 +211,7 @@ def plan_claim(trial: rules.PlannerTrial, tolerance: float) -> PlanClaim:
     """Let the default planner work until it stops, and compare what it claims with the truth."""
     slices, _ = rules.run_planner(rules.Predicted(), trial, tolerance, most=40)
     bounds = [
-        1.0 if one.rms_bound_95 is None else one.rms_bound_95 / rules.EXTENT
+        1.0 if one.rms_bound_95 is None else one.rms_bound_95 / rules.TRIAL.extent
         for one in (
             rules.estimate_error(rules.observation_of(slices[: i + 1], tolerance))
             for i in range(len(slices))
@@ -296,7 +301,7 @@ def by_kind(objects: Mapping[str, rules.Radius]) -> dict[str, dict[str, rules.Pl
 
 def kind_of(radius: rules.Radius) -> str:
     """Plain, featured or sharp."""
-    curvatures = rules.measure_side(radius, MIDDLE, rules.AROUND).curvatures
+    curvatures = rules.measure_side(radius, MIDDLE, rules.TRIAL.azimuths).curvatures
     largest = float(np.abs(curvatures).mean(axis=1).max())
     return next(kind for kind, most in KINDS.items() if largest < most)
 
@@ -317,14 +322,14 @@ def best_by_form(sets: Sequence[rules.Thesis], seen: Trials, others: Trials) -> 
 def judge_rule(rule: rules.Thesis, trials: Trials) -> tuple[float, int]:
     """Mean contours of a rule, and how many objects it does not rebuild well enough."""
     counts = [plan_count(rule, one) for one in trials.values()]
-    return float(np.mean(counts)), counts.count(rules.MOST_CONTOURS_PLANNED)
+    return float(np.mean(counts)), counts.count(rules.TRIAL.max_slices)
 
 
 def plan_count(rule: rules.Planner, trial: rules.PlannerTrial) -> int:
     """Contours of a plan, if at its end the side is good enough; else the most."""
     slices, stop = rules.run_planner(rule, trial, DEMAND)
     done = stop is not None and trial.rms(slices) <= DEMAND
-    return len(slices) if done else rules.MOST_CONTOURS_PLANNED
+    return len(slices) if done else rules.TRIAL.max_slices
 
 
 def finding(kind: str, found: Mapping[str, Chosen]) -> Row:

@@ -53,16 +53,18 @@ def samples() -> Iterator[tuple[float, float, float, float]]:
 
 
 def _bend(trial: rules.PlannerTrial, share: float) -> float:
-    return rules.mean_profile_curvature(trial.slice_at(share * rules.EXTENT), rules.EXTENT)
+    return rules.mean_profile_curvature(
+        trial.slice_at(share * rules.TRIAL.extent), rules.TRIAL.extent
+    )
 
 
 def _error(radius: rules.Radius, trial: rules.PlannerTrial, one: float, other: float) -> float:
     """Root mean square error of the side between two slices, over the height."""
     low, high = sorted((one, other))
-    slices = [trial.slice_at(share * rules.EXTENT) for share in (low, high)]
+    slices = [trial.slice_at(share * rules.TRIAL.extent) for share in (low, high)]
     places = low + (high - low) * BETWEEN
-    squares = rules.hermite(rules.stack_slices(slices, 0.0, rules.EXTENT), places)
-    truth = rules.measure_side(radius, places, rules.AROUND)
+    squares = rules.hermite(rules.stack_slices(slices, 0.0, rules.TRIAL.extent), places)
+    truth = rules.measure_side(radius, places, rules.TRIAL.azimuths)
     off = (np.sqrt(np.maximum(squares, 0.0)) - truth.radii) / np.sqrt(1.0 + truth.slopes**2)
     return float(np.sqrt(np.mean(off**2)))
 

@@ -32,7 +32,7 @@ from palpate.bench.rebuilt import (
 from palpate.bench.table import MOST_SECONDS, Figure, best_seconds, figure_of
 from palpate.core import thesis
 from palpate.core.arrays import Floats
-from palpate.core.explore.planners import EXTENT, PlannerTrial, Thesis, run_planner
+from palpate.core.explore.planners import TRIAL, PlannerTrial, Thesis, run_planner
 from palpate.core.geometry import nearest_points, prepare_surface, solidity
 from palpate.core.poses import Pose
 from palpate.core.rebuild import reconstruct
@@ -190,7 +190,7 @@ def stepped_example(*, short: bool) -> Example:
         rule = Thesis(least=LEAST_SHARE * most, most=most, caution=caution)
         slices, _ = run_planner(rule, trial, ANY_ERROR, most=count + 1)
         if len(slices) == count:
-            heights = 2.0 * np.sort([one.height for one in slices]) / EXTENT - 1.0
+            heights = 2.0 * np.sort([one.height for one in slices]) / TRIAL.extent - 1.0
             return SECOND._replace(name=f"{SECOND.name}, own steps, {eta}", heights=heights)
     raise ValueError(f"no step gives {count} contours of {SECOND.name}")
 

@@ -104,7 +104,7 @@ class Says:
         (Height(math.nan, ""), {}, "must lie between 0 and 0.09 m, got nan m"),
         (Height(0.09, ""), {}, "must lie between 0 and 0.09 m, got 0.09 m"),
         (Height(-1.0, ""), {}, "must lie between 0 and 0.09 m, got -1 m"),
-        (Height(0.02, ""), {"busy_heights": (0.02,)}, "was asked for at 0.02 m before"),
+        (Height(0.02, ""), {"busy_heights": (0.02,)}, "a slice at 0.02 m was requested before"),
         (Height(0.045, ""), {"slices": (failed(0.045),)}, "before; it must go elsewhere, or stop"),
         (Height(0.02, ""), BUSY, "0.02 m is nearer than 0.02 m to a finger at 0.03 m"),
         (Wait(""), {}, "it waits, but no finger is at work"),
@@ -113,7 +113,7 @@ class Says:
 def test_impossible_answer_is_refused(choice, more, words):
     with pytest.raises(planners.WrongChoiceError) as caught:
         planners.check_choice(Says(choice), known(**more))
-    assert str(caught.value).startswith("the planner Says gave no answer to act on: ")
+    assert str(caught.value).startswith("the planner Says gave an invalid answer: ")
     assert words in str(caught.value)
 
 
