@@ -73,14 +73,14 @@ class RowWindow(NamedTuple):
     """Rows that a polynomial goes through."""
 
     first: int  # counted from the row before the slice
-    count: int
+    n_rows: int
 
 
 # The first of which all rows are touched is taken.
 ROW_WINDOWS = tuple(
     RowWindow(*rows) for rows in ((-1, 4), (-2, 4), (0, 4), (-1, 3), (0, 3), (0, 2))
 )
-N_ROWS = max(window.count for window in ROW_WINDOWS)
+N_ROWS = max(window.n_rows for window in ROW_WINDOWS)
 
 
 class SliceSpec(NamedTuple):
@@ -468,10 +468,10 @@ def deepest_point(pad: Pad, surface: Floats, touched: Bools) -> Floats:
 
 def _coefficients(window: RowWindow) -> Floats:
     """What gives a polynomial's coefficients from its values on the rows, (4, 4)."""
-    nodes = window.first + np.arange(window.count)
+    nodes = window.first + np.arange(window.n_rows)
     matrix = np.zeros((N_ROWS, N_ROWS))
     values = np.vander(nodes, increasing=True).astype(float)
-    matrix[: window.count, : window.count] = np.linalg.inv(values)
+    matrix[: window.n_rows, : window.n_rows] = np.linalg.inv(values)
     return matrix
 
 
