@@ -68,7 +68,7 @@ def end_face_axis(
 
     `axis` (3,): the present slicing axis, a unit vector that points to the end. `face` (3,):
     outward unit normal where the end was touched. `normals` (n, 3): outward unit normals of all
-    contacts. `settings`, `sides`: when the end decides, and how sides are told from ends.
+    contacts. `settings`, `sides`: when the end decides, and which normals are the sides'.
     """
     vertical = np.array([0.0, 0.0, 1.0])
     if _angle(face, axis) < settings.min_change:

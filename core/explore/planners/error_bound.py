@@ -52,7 +52,7 @@ class ErrorSettings:
 
     quintic_weight: float = 0.61
     mismatch_weight: float = 2.2
-    # Bound of 95 % over the predicted error is safety (1 + few / n^3), n the number of intervals:
+    # The 95 % bound is the predicted error times safety (1 + few_intervals / n^3), for n intervals:
     # two show little of how an object errs, or of how it deviates.
     safety: float = 1.1
     few_intervals: float = 6.0

@@ -119,7 +119,7 @@ class Predicted:
         if prediction.wants_refinement(tolerance):
             height = best_refinement(observation, prediction, spans, self)
             if height is not None:
-                height = _along_with(observation, spans, height)
+                height = _moved_into_span(observation, spans, height)
                 return Height(height, "the predicted error is largest there")
         height = _untouched_height(observation, spans)
         if height is not None:
@@ -204,12 +204,12 @@ def _cut_place(parts: int, bend_side: float, pull: float) -> float:
     return (border + pull * (2.0 * bend_side - 1.0)) / count
 
 
-def _along_with(observation: Observation, spans: Sequence[Span], wanted: float) -> float:
+def _moved_into_span(observation: Observation, spans: Sequence[Span], wanted: float) -> float:
     """A wanted height, moved so that its slice is one of those that cover an untouched span."""
     if observation.all_taxels:
         for span in spans:
             if span.low <= wanted <= span.high and span.length > observation.feature:
-                return _into(observation, span, wanted) or wanted
+                return _height_in(observation, span, wanted) or wanted
     return wanted
 
 
@@ -221,7 +221,7 @@ def _untouched_height(observation: Observation, spans: Sequence[Span]) -> float 
     feature = observation.feature
     wanted = [span for span in longest_first(spans, feature) if span.length > feature]
     if not observation.busy_heights:
-        heights = (_into(observation, span) for span in wanted)
+        heights = (_height_in(observation, span) for span in wanted)
         return next((height for height in heights if height is not None), None)
     places = [(place, span) for span in wanted for place in even_heights(observation, span)]
     crowds = {
@@ -233,7 +233,7 @@ def _untouched_height(observation: Observation, spans: Sequence[Span]) -> float 
     return next((height for height in heights if height is not None), None)
 
 
-def _into(observation: Observation, span: Span, wanted: float | None = None) -> float | None:
+def _height_in(observation: Observation, span: Span, wanted: float | None = None) -> float | None:
     """Where to begin in an untouched span: in its middle, or nearest to a wanted height [m]."""
     places = even_heights(observation, span)
     at = places[len(places) // 2]

@@ -30,8 +30,8 @@ StepTemplate = Callable[[Floats, float], Floats]  # of x >= 0, and a number that
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SearchSettings:
-    """How a search goes on where slices have failed."""
+class StepSearchSettings:
+    """How a search continues where slices have failed."""
 
     max_failures: int = 3  # in a row, in one direction
     # Fractions of a step that are tried, where a slice was requested before at its full length.
@@ -130,7 +130,7 @@ def step_search(
     steps: StepRule,
     perimeter: float,
     threshold: float = 0.0,
-    settings: SearchSettings = SearchSettings(),
+    settings: StepSearchSettings = StepSearchSettings(),
 ) -> protocol.Choice:
     """The next slice of a search in one direction and then in the other.
 
@@ -175,7 +175,7 @@ def _next_height(
     perimeter: float,
     threshold: float,
     direction: float,
-    settings: SearchSettings,
+    settings: StepSearchSettings,
 ) -> float | None:
     """The next height in a direction [m]; None where the search in it has ended."""
     start, extent = observation.slices[0], observation.extent

@@ -76,9 +76,7 @@ class ProbingSettings:
 
 
 def next_probe(
-    end: ends.End,
-    observation: ends.EndObservation,
-    settings: ProbingSettings = ProbingSettings(),
+    end: ends.End, observation: ends.EndObservation, settings: ProbingSettings = ProbingSettings()
 ) -> ends.ProbeCommand | ends.StopProbing:
     """Where to touch an end next, in the slicing frame, or that it is touched enough.
 
@@ -284,9 +282,7 @@ def next_uphill(
 
 
 def probe_along_axis(
-    observation: ends.EndObservation,
-    place: Floats,
-    settings: ApproachSettings = ApproachSettings(),
+    observation: ends.EndObservation, place: Floats, settings: ApproachSettings = ApproachSettings()
 ) -> ends.ProbeCommand:
     """A touch over a place (2,) [m] along the slicing axis, from above everything known."""
     start = highest_expected(observation, settings) + settings.clearance + TOUCH_DEPTH
@@ -308,10 +304,7 @@ def _touches_for_mean(
 
 
 def _onto(
-    observation: ends.EndObservation,
-    face: ends.EndFace,
-    place: Floats,
-    settings: ProbingSettings,
+    observation: ends.EndObservation, face: ends.EndFace, place: Floats, settings: ProbingSettings
 ) -> ends.ProbeCommand:
     """A touch of a place (2,) of the face, along the axis or, where it leans, its normal."""
     approach, cover = settings.approach, settings.cover

@@ -61,8 +61,8 @@ class ArcSettings:
     """How the arc of one touch is found."""
 
     max_depth_step: float = 2.0  # [pitches] between neighbouring taxels on one surface
-    # Columns with two touched rows are left out where so many columns have more: a corner of the
-    # pad in a hollow has few of either.
+    # Columns with more than two touched rows, for the others to be left out: a corner of the pad in
+    # a hollow has few of either.
     n_columns: int = 6
     newton_steps: int = 3  # from the straight line's crossing: the next changes less than rounding
     n_slope_pairs: int = 8  # pairs of taxels nearest to a slice that was not met, for the slope
@@ -330,11 +330,7 @@ def arc_in_slice(
     met = crossings(pad, above, surface, touched, connected, settings)
     low, high = contact_bands(above, connected, met)
     local = met.places
-    if len(local) and jet is not None:
-        slope_x, slope_y = jet.slopes(local[:, 0], local[:, 1])
-        curve = jet.second_derivatives(local[:, 0], local[:, 1])[2]
-    else:
-        slope_x = slope_y = curve = np.zeros(len(local))
+    slope_x, slope_y, curve = _derivatives(jet, local)
     stretch = np.sqrt(1.0 + slope_x**2 + slope_y**2)
     outward = np.column_stack([slope_x, slope_y, -np.ones(len(local))]) / stretch[:, None]
     return SliceArc(
@@ -351,6 +347,14 @@ def arc_in_slice(
         above=int((touched & (above > 0.0)).sum()),
         below=int((touched & (above < 0.0)).sum()),
     )
+
+
+def _derivatives(jet: Jet | None, places: Floats) -> tuple[Floats, Floats, Floats]:
+    """Slopes along x and y (n,), and second derivative along y (n,) [1/m]; 0 without a jet."""
+    if jet is None or not len(places):
+        return (np.zeros(len(places)),) * 3
+    x, y = places[:, 0], places[:, 1]
+    return *jet.slopes(x, y), jet.second_derivatives(x, y)[2]
 
 
 class Crossings(NamedTuple):

@@ -61,14 +61,13 @@ class ClosingSettings:
     max_winding: float = math.radians(420.0)  # [rad] beyond it an open contour goes in circles
     max_distance: float = 1.0 / 15.0  # [widths of the pad] of the new arc from the start
     min_steepness: float = 0.97  # of the normals, median, where a surface has left the slice
-    # A path that is shorter after so many touches goes round a pole that one touch has touched.
-    pole_extent: float = 0.2  # [widths of the pad]
-    pole_touches: int = 30
+    pole_touches: int = 30  # after which a short path circles a pole that a single touch covers
+    pole_extent: float = 0.2  # [widths of the pad] of a short path
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FollowSettings:
-    """How far the pad steps along a contour, and how it goes on where nothing lies ahead."""
+    """How far the pad steps along a contour, and what it does where nothing lies ahead."""
 
     pad_step: float = 0.69  # [half widths of the pad] longest step
     contact_step: float = 1.05  # [half widths of the contact] longest step
@@ -109,7 +108,7 @@ class TraceGoal:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trace:
-    """A contour under way."""
+    """A contour that is being traced."""
 
     goal: TraceGoal
     path: Path | None = None  # points so far; None until the first arc

@@ -65,11 +65,7 @@ class GapSettings:
 
 
 def probe_gaps(
-    spec: SliceSpec,
-    chain: Path,
-    posture: Posture,
-    settings: GapSettings,
-    search: SearchSettings,
+    spec: SliceSpec, chain: Path, posture: Posture, settings: GapSettings, search: SearchSettings
 ) -> Procedure[tuple[Path, tuple[Gap, ...]]]:
     """Probe every gap between neighbouring points of a chain.
 

@@ -50,10 +50,10 @@ class WalkSettings:
     max_step: float = 25.0 / 15.0  # [widths of the pad]
     max_slope_angle: float = 1.3  # [rad] of the surface, in the length of a step
     standoff: float = 10.0 / 15.0  # [widths of the pad] before and past the place, at least
-    # [rad] wanted tilt and change of tilt below which a wall is upright: it leads to no slice.
-    upright_tilt: float = 0.12
-    upright_change: float = 0.08
-    max_bridged: int = 3  # touched taxels above and below a slice that none meets; more: a bridge
+    # A wall to which the pad would tilt and turn by less is upright: it leads to no slice.
+    upright_tilt: float = 0.12  # [rad]
+    upright_change: float = 0.08  # [rad]
+    max_bridged: int = 3  # touched taxels on either side of a slice that is not bridged
     tilt_gain: float = 0.7  # fraction of the measured slope by which the next touch is tilted
     min_slope: float = 0.03  # by which the next touch is tilted
 
@@ -136,7 +136,8 @@ def approach_from(
 ) -> Procedure[FirstArc | SliceArc | None]:
     """Come from outside: the first arc, or else what was touched at first, or None.
 
-    `held_off`: approaches that the object has held off so far; fewer postures are tried after some.
+    `held_off`: number of approaches so far that met the object beside the slice; after some of them
+    fewer postures are tried.
     """
     place = centre + radius * np.array([math.cos(azimuth), math.sin(azimuth)])
     touched = yield TouchCommand(place, azimuth, 0.0, radius, UPRIGHT)
@@ -209,10 +210,12 @@ def search_arc(
         arc = yield wider.command(posture)
         if arc is None or has_arc(arc):
             return arc, posture
-    arc, held = yield from _walk(spec, posture, target, settings.walk)
+    arc, current = yield from _walk(spec, posture, target, settings.walk)
     if arc is None or has_arc(arc) or (not is_first and _is_edge(arc, settings.walk)):
-        return arc, held
-    return (yield from _search(spec, posture, held.tilt, arc, target, settings.postures, is_first))
+        return arc, current
+    return (
+        yield from _search(spec, posture, current.tilt, arc, target, settings.postures, is_first)
+    )
 
 
 def _walk(
@@ -222,27 +225,27 @@ def _walk(
     outward = np.array([math.cos(target.heading), math.sin(target.heading)])
     last: SliceArc | None = None
     tilt = 0.0 if posture.is_kept else posture.tilt
-    held = UPRIGHT._replace(tilt=tilt, failed_searches=posture.failed_searches)
+    current = UPRIGHT._replace(tilt=tilt, failed_searches=posture.failed_searches)
     remaining = math.inf
     for _ in range(settings.max_touches):
-        arc = yield target.command(held)
+        arc = yield target.command(current)
         if arc is None:
             break
         last = arc
         if has_arc(arc):
-            return arc, _next_posture(spec, held, arc, settings)
-        tilt = _bounded(spec, held.tilt - math.atan(arc.slope))
+            return arc, _next_posture(spec, current, arc, settings)
+        tilt = _bounded(spec, current.tilt - math.atan(arc.slope))
         rise = spec.height - float(arc.nearest[2])
         is_upright = (
-            abs(tilt) < settings.upright_tilt and abs(tilt - held.tilt) < settings.upright_change
+            abs(tilt) < settings.upright_tilt and abs(tilt - current.tilt) < settings.upright_change
         )
         is_bridge = min(arc.above, arc.below) > settings.max_bridged
         if is_bridge or abs(rise) > settings.max_remaining * remaining or is_upright:
             break
         remaining = abs(rise)
         target = _step_along(spec, target, outward, arc, rise, tilt, settings)
-        held = held._replace(tilt=tilt)
-    return last, held
+        current = current._replace(tilt=tilt)
+    return last, current
 
 
 def _step_along(
@@ -303,11 +306,11 @@ def _search(
         standoff, reach = settings.first_standoff, settings.first_reach
     wider = target._replace(standoff=standoff * spec.width, reach=reach * spec.width)
     for tried_tilt, shift in _postures(tilt, side, posture.failed_searches, settings):
-        held = Posture(tried_tilt, shift * spec.width, spec.touch.deep_depth, is_kept=True)
-        met = yield wider.command(held)
+        current = Posture(tried_tilt, shift * spec.width, spec.touch.deep_depth, is_kept=True)
+        met = yield wider.command(current)
         if met is not None and len(met.points) >= settings.min_points:
             half = 0.5 * float(np.linalg.norm(met.points[-1] - met.points[0]))
-            return met, held._replace(half_contact=half)
+            return met, current._replace(half_contact=half)
     return arc, posture._replace(failed_searches=posture.failed_searches + 1)
 
 

@@ -125,7 +125,7 @@ def test_tile_is_sliced_along_short_axis_and_straight_sides_correct_fit():
 
 
 @pytest.mark.parametrize("axis", [(0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.6, 0.0, 0.8)])
-def test_given_axis_is_taken_with_its_uncertain_ends(axis):
+def test_given_axis_is_kept_and_its_ends_are_uncertain(axis):
     frame = leaning().frame(np.array(axis))
     assert (frame.axis, frame.axis_error) == ("given", 0.0)
     assert axes_of(frame)[:, 2] == pytest.approx(axis, abs=1e-12)
@@ -162,7 +162,7 @@ def test_few_contacts_give_frame_about_them(axis):
     assert frame.radius <= away.max() + 1e-9 or direction[2]
 
 
-def test_fit_at_bound_is_less_certain_and_more_contacts_more():
+def test_fit_at_bound_is_less_certain_and_many_contacts_more_so():
     sure, unsure = leaning().frame(), leaning().frame(warnings=("at a bound",))
     assert unsure.is_ambiguous or unsure.axis_error > 3.0 * sure.axis_error
     few = leaning().part(slice(None, 20)).frame(UP, rms=1e-3)
@@ -253,7 +253,7 @@ ZEROS = np.zeros((20, 3))
         (ZEROS, ZEROS, -1.0, "noise must be positive and finite, got -1.0 m"),
     ],
 )
-def test_what_is_no_grasp_is_refused(points, normals, noise, words):
+def test_invalid_contacts_are_refused(points, normals, noise, words):
     with pytest.raises(ValueError, match=words):
         fit_object_frame(leaning().fit, points, normals, 0.0, noise)
 

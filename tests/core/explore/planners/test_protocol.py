@@ -54,7 +54,7 @@ def slice_with(**changes: Any) -> planners.ObservedSlice:
         (Budget, {"seconds": math.inf}, "seconds must be 0 or more and finite"),
     ],
 )
-def test_impossible_observation_is_refused(make, changes, words):
+def test_invalid_observation_is_refused(make, changes, words):
     with pytest.raises(ValueError, match=words):
         make(**changes)
 
@@ -110,14 +110,14 @@ class Says:
         (Wait(""), {}, "it waits, but no finger is at work"),
     ],
 )
-def test_impossible_answer_is_refused(choice, more, words):
+def test_invalid_answer_is_refused(choice, more, words):
     with pytest.raises(planners.WrongChoiceError) as caught:
         planners.check_choice(Says(choice), known(**more))
     assert str(caught.value).startswith("the planner Says gave an invalid answer: ")
     assert words in str(caught.value)
 
 
-def test_settled_slice_is_one_that_can_be_traced(monkeypatch):
+def test_settled_height_is_valid_slice_or_none(monkeypatch):
     spent = {"budget": Budget(most_touches=9, touches=9)}
     good, busy = Height(0.01, ""), {"busy_heights": (0.01,)}
     assert planners.settled_height(Says(good), known()) is None  # it has no such method
@@ -128,7 +128,7 @@ def test_settled_slice_is_one_that_can_be_traced(monkeypatch):
 
 
 @pytest.mark.usefixtures("own")
-def test_planners_are_found_and_possible_answers_handed_on():
+def test_planners_are_made_and_valid_answers_returned():
     assert planners.planner_type(planners.PLANNER_NAMES[0]) is planners.Predicted
     for name in planners.PLANNER_NAMES:
         planner = make_planner(name, {})
@@ -197,7 +197,7 @@ def own(tmp_path, monkeypatch):
         ("fuzzy", {"scale": 0.0}, r"scale is 0; expected 0\.1 to 2"),
     ],
 )
-def test_what_is_no_planner_is_refused(name, settings, words):
+def test_invalid_planner_is_refused(name, settings, words):
     with pytest.raises((ValueError, LookupError), match=words):
         make_planner(name, settings)
 

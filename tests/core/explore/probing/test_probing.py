@@ -106,10 +106,9 @@ def test_end_is_found_by_one_touch_along_axis(height):
     assert probes[0].point[2] == pytest.approx(0.04, abs=5e-5)
     position, axes = probes[0].command.pose
     assert axes[:, 2] == pytest.approx(-UP, abs=1e-12)
+    # A contour reaches higher than the end may lie.
     high = next_probe("upper", replace(END, contour=ring(0.02, 0.04, above=4e-3))).pose.position[2]
-    assert high - next_probe("upper", END).pose.position[2] == pytest.approx(
-        2.5e-3
-    )  # a contour reaches it
+    assert high - next_probe("upper", END).pose.position[2] == pytest.approx(2.5e-3)
     # It starts above everything the end may be, and may go down to the middle.
     assert height + 3.0 * END.deviation < position[2] < height + 0.01
     assert position[2] - probes[0].command.reach == pytest.approx(0.5 * (height - 0.04))
@@ -164,9 +163,8 @@ def test_end_higher_than_expected_is_approached_from_farther_off():
     for _ in range(5):  # and no oftener than four times
         command = next_probe("upper", replace(END, probes=probes))
         probes = (*probes, ProbeResult(command, "inside", np.zeros(3), UP))
-    assert probes[-1].command.pose.position[2] - probes[0].command.pose.position[
-        2
-    ] == pytest.approx(4 * WIDTH)
+    first, last = (probes[number].command.pose.position[2] for number in (0, -1))
+    assert last - first == pytest.approx(4 * WIDTH)
     assert np.linalg.norm(next_probe("upper", replace(END, probes=probes)).pose.position[:2]) > 0.01
 
 
@@ -183,7 +181,7 @@ def test_search_of_empty_space_ends(contour):
     assert np.linalg.norm(places, axis=1).max() < limit + 1e-9
 
 
-def test_pole_and_narrow_top_take_one_touch_in_spite_of_noise():
+def test_pole_and_narrow_top_take_one_touch_despite_noise():
     for radius, noise in ((0.014, 0.0), (0.0048, 1e-4)):  # no whole pad lies on the narrow one
         contour = ring(radius - 2e-4, 0.037, above=2e-3)
         done, probes = probe(press(column(radius)), contour=contour, noise=noise)
@@ -266,7 +264,7 @@ def test_top_that_is_no_plane_is_touched_all_over(case):
         assert done.reason == "nothing larger than a pad is untouched"
 
 
-def test_touch_outside_contour_says_nothing_of_face():
+def test_touch_outside_contour_is_no_touch_of_face():
     around = ring(0.0103, 0.0376, math.radians(67.0), above=1e-3)
     start = np.array([0.027, 0.0, 0.06])
     over = ProbeCommand(Pose(start, FACING_DOWN), 0.05, "search", start - 0.02 * UP)
@@ -345,9 +343,7 @@ def test_lower_end_is_upper_one_turned_over():
     for made in probes:
         command, upper = next_probe("lower", below), made.command
         for one, other in zip(
-            (*command.pose, command.target),
-            (*upper.pose, upper.target),
-            strict=True,
+            (*command.pose, command.target), (*upper.pose, upper.target), strict=True
         ):
             assert pytest.approx(turned(other.T), abs=1e-9) == one.T
         assert (command.reach, command.reason) == (pytest.approx(upper.reach), upper.reason)
@@ -414,6 +410,6 @@ RING = ring(0.025, 0.03)
         ({"contour": RING._replace(contact_low=np.nan * RING[2])}, "contact_low must be finite"),
     ],
 )
-def test_what_cannot_be_an_end_is_refused(change, words):
+def test_invalid_end_observation_is_refused(change, words):
     with pytest.raises(ValueError, match=words):
         replace(END, **change)

@@ -43,7 +43,7 @@ def command_after(pad: Pad, *arcs: SliceArc | None) -> TouchCommand:
     return command
 
 
-def test_absent_object_is_sought_from_eight_sides():
+def test_absent_object_is_approached_from_eight_sides():
     wanted = TraceGoal(0.05, np.array([0.01, -0.02]), 0.1, 150)
     run = fingertip.follow(FLAT, wanted, lambda command: None)
     assert (run.status, run.trace.touches) == ("no_contact", 8)
@@ -154,7 +154,7 @@ def test_miss_turns_both_ways_hops_ahead_and_comes_back_from_outside():
     assert end.normal_azimuth == pytest.approx(math.pi / 2)
 
 
-def test_lost_contour_is_sought_round_and_stretch_before_it_probed():
+def test_lost_contour_is_reacquired_and_gap_before_it_probed():
     half = circle(0.03, 0.0, math.pi, 94)
     answers: list[SliceArc | None] = [half]
     while command_after(FLAT, *answers).standoff > 0.0:
@@ -172,7 +172,7 @@ def test_lost_contour_is_sought_round_and_stretch_before_it_probed():
     assert gap.extent == pytest.approx(2.0 * 0.03 * math.sin(0.225)) and gap.reason == "missed"
 
 
-def test_gap_is_probed_in_its_middle_until_closed_or_left():
+def test_gap_is_probed_in_middle_until_closed_or_kept():
     assert scripted(FLAT, wall(0.0, 1e-3, 2.8e-3))[0].path is not None  # these points join
     probe = command_after(FLAT, wall(0.0, 0.006))
     assert probe.place == pytest.approx([0.03, 0.003])

@@ -183,13 +183,13 @@ def test_slice_that_cannot_be_met_ends_with_its_reason(shape, height, pad, statu
     + [(0.0, Pad(16, 16, 2.7e-3, 3e-3, 25.0, 0.8), 0.1), (-0.97 * RADIUS, FLAT, 0.1)],
     ids=["start inside", "small pad", "large pad", "near the pole"],
 )
-def test_odd_start_pad_and_height_still_close(height, pad, radius):
+def test_unusual_start_pad_and_height_still_close(height, pad, radius):
     run = trace(BALL, pad, height, radius=radius)
     assert (run.status, run.trace.gaps) == ("closed", ())
     assert np.allclose(np.linalg.norm(run.points, axis=1), RADIUS, atol=50e-6)
 
 
-def test_other_part_of_slice_is_not_mixed_in():
+def test_contour_keeps_to_one_of_two_bodies():
     both = lambda origins, *ray: np.minimum(  # noqa: E731
         BALL.cast(origins, *ray), BALL.cast(origins - [0.09, 0.0, 0.0], *ray)
     )
@@ -199,7 +199,7 @@ def test_other_part_of_slice_is_not_mixed_in():
     assert np.allclose(np.linalg.norm(run.points - middle, axis=1), RADIUS, atol=10e-6)
 
 
-def test_trembling_hand_closes_box_in_few_touches():
+def test_noisy_places_close_box_in_few_touches():
     rng, exact = np.random.default_rng(1), press(BOX, DOMED, 0.01)
 
     def answer(command: TouchCommand) -> tracing.SliceArc | None:
