@@ -48,7 +48,7 @@ def close(shape: Shape, pose: Pose, hand: Hand = HAND, *effects, platform=-1.0, 
 
 @cache
 def grasped(name: str, wanted: int) -> tuple[Floats, Floats, int]:
-    """Points and normals of at least so many contacts, and how often the hand closed."""
+    """Points and normals of at least `wanted` contacts, and the number of closings."""
     shape = {"ball": standing(BALL), "aside": standing(CYLINDER, 0.06)}[name]
     hand, places = Hand(), search_places(0.08, 0.04)
     fingers = tips(hand)

@@ -186,7 +186,7 @@ HALF, RADIUS = 0.045, 0.025
 
 
 def neck(top: list[tuple[Floats, Floats]] = (), lean: float = 0.0) -> ObjectFrame:
-    """A body with a narrow upper half, leaning on its lower rim; its fit tells nothing of ends."""
+    """A body with a narrow upper half, leaning on its lower rim; its fit does not show ends."""
     rng = np.random.default_rng(0)
     z, angle = rng.uniform(-0.8 * HALF, 0.9 * HALF, 60), rng.uniform(0.0, 2.0 * math.pi, 60)
     rim = np.column_stack([np.cos(angle), np.sin(angle), 0.0 * z])

@@ -179,7 +179,7 @@ def test_misfit_beyond_pose_errors_is_refined_and_is_no_noise():
     assert missed.rms_bound_95 == pytest.approx(noisy.rms_bound_95)
     assert missed.noise.touched < limit < missed.rms_bound_95
     assert missed.wants_refinement(limit) and not noisy.wants_refinement(limit)
-    whole = stated(9, pose_deviation=1e-5, **misfit)  # no further slice tells more
+    whole = stated(9, pose_deviation=1e-5, **misfit)  # no further slice shows more
     assert not predicted(whole).untouched.any() and not predicted(whole).wants_refinement(limit)
     assert "does not follow what was touched" in Predicted().next(whole).reason
     loose = stated(9, band=2e-6, deviation=2e-3, ends_deviation=2e-3)

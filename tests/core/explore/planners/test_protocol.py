@@ -1,4 +1,4 @@
-"""What a planner is told, what it may answer, how it is made, and how a solid is judged."""
+"""What a planner observes and answers, how it is made, and how a solid is judged."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ BUSY = {"busy_heights": (0.03,), "finger_spacing": 0.02}
 
 @dataclass(frozen=True)
 class Says:
-    """A planner that always says the same."""
+    """A planner that always gives the same answer."""
 
     choice: Any
 
@@ -207,8 +207,6 @@ GOOD = dict(error_bound=1e-4, underside_share=0.005, crease_error=1e-3)
 GOOD |= dict(crease_share=0.005, unknown_share=0.01, untouched_gap=2e-3, unentered_hole=0.0)
 GOOD |= dict(untraced_height=0.0, closed=True, self_crossings=0, genus=1, true_genus=1)
 GOOD |= dict(true_error=1e-4)
-
-
 WORSE = {"error_bound": (1.1e-4, None), "underside_share": (0.0101,), "crease_error": (1.5e-3,)}
 WORSE |= {"unknown_share": (0.011,), "untouched_gap": (2.1e-3,), "unentered_hole": (1e-3,)}
 WORSE |= {"untraced_height": (1e-3,), "closed": (False,), "self_crossings": (1,), "genus": (0, 2)}

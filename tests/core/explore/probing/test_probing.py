@@ -160,7 +160,7 @@ def test_end_higher_than_expected_is_approached_from_farther_off():
     assert two.command.pose.position[2] - one.command.pose.position[2] == pytest.approx(WIDTH)
     assert two.command.reach - one.command.reach == pytest.approx(WIDTH)
     probes: tuple[ProbeResult, ...] = ()
-    for _ in range(5):  # and no oftener than four times
+    for _ in range(5):  # at most four times
         command = next_probe("upper", replace(END, probes=probes))
         probes = (*probes, ProbeResult(command, "inside", np.zeros(3), UP))
     first, last = (probes[number].command.pose.position[2] for number in (0, -1))
@@ -324,7 +324,7 @@ def test_edge_that_is_never_met_is_reported_untouched():
     assert len(targets(probes, "edge")) == 8
     assert done.untouched >= 0.01
     command = ProbeCommand(Pose(0.0 * UP, np.eye(3)), 0.01, "edge", np.zeros(3))
-    alone = ProbeResult(command, "hit", np.zeros(3), UP)  # it tells of no face
+    alone = ProbeResult(command, "hit", np.zeros(3), UP)  # it is no touch of the face
     stop = next_probe("upper", replace(END, contour=ring(0.02, 0.03), probes=(alone,)))
     assert (stop.reason, stop.untouched) == ("only its edge was touched", 0.0)
 

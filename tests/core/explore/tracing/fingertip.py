@@ -120,7 +120,7 @@ def wall(*places: float, x: float = 0.03) -> SliceArc:
 
 
 def missed(*, above: int = 0, below: int = 9, slope: float = 0.0, rise: float = 0.0) -> SliceArc:
-    """A touch beside the slice, `rise` above it, with so many taxels above and below it."""
+    """A touch beside the slice, `rise` above it [m], with numbers of taxels above and below."""
     nearest, none = np.array([0.03, 0.0, rise]), np.zeros((0, 3))
     arc = arc_of(none, none, slope=slope, nearest=nearest)
     return arc._replace(pad=nearest, above=above, below=below)

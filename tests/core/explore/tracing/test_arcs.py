@@ -86,7 +86,7 @@ def test_slope_is_that_of_surface_nearest_to_slice():
     assert level(0.25 * Y).slope == 0.0  # without a jet
     bent = level(np.where(Y < -2e-3, 0.5, 0.1) * Y, height=0.02)
     assert bent.slope == pytest.approx(0.5)
-    for row, sign in ((0, 1.0), (15, -1.0)):  # one row tells only to which side it leans
+    for row, sign in ((0, 1.0), (15, -1.0)):  # one row shows only to which side it leans
         touched = rows(row, row)
         touched[:, :3] = touched[:, 9:] = False
         arc = level(NONE, touched)

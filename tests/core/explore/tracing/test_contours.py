@@ -154,7 +154,7 @@ def test_search_tilts_pad_to_surface_without_overshoot(share):
     tilts = np.sign(share) * np.array([one.posture.tilt for one in commands])
     assert tilts[0] == 0.0 and (np.diff(tilts) >= 0.0).all()
     assert len(tilts) == (1 if share == 0.0 else 2) or (abs(share) > 0.5 and len(tilts) <= 7)
-    if 0.0 < abs(share) < 0.5:  # touched askew at first: once more, and no oftener
+    if 0.0 < abs(share) < 0.5:  # touched askew at first: exactly once more
         assert tilts[1] == pytest.approx(math.asin(abs(share)), abs=0.02)
     assert 0.5 * math.asin(abs(share)) <= tilts.max() < math.asin(abs(share)) + 0.02
 
