@@ -271,7 +271,7 @@ def _contour(
         height=goal.height,
         points=empty if path is None else frame.to_outer(path.points),
         normals=empty if path is None else path.normals @ frame.axes.T,
-        curvature=np.zeros(0) if path is None else path.across,
+        curvature=np.zeros(0) if path is None else path.curvatures,
         contact_low=np.zeros(0) if path is None else path.low,
         contact_high=np.zeros(0) if path is None else path.high,
         status=status,

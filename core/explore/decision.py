@@ -232,12 +232,12 @@ def _end_observation(
     return probing.EndObservation(
         height=height,
         deviation=survey.high_deviation if is_upper else survey.low_deviation,
-        other=other,
+        other_height=other,
         radius=survey.frame.radius,
         width=known.setup.pad_width,
         tolerance=tolerance,
         noise=survey.uncertainty.pose,
-        standing=survey.standing and not is_upper,
+        is_standing=survey.standing and not is_upper,
         contour=probing.SideContour(
             contour.points, contour.normals, contour.contact_low, contour.contact_high
         )

@@ -275,7 +275,7 @@ class Exploration:
             tolerance=demand.tolerance,
             resolution=setup.resolution,
             underside_share=demand.limits.underside_share,
-            feature=max(demand.feature, planners.LEAST_FEATURE * (survey.high - survey.low)),
+            feature=max(demand.feature, planners.MIN_FEATURE * (survey.high - survey.low)),
             budget=planners.Budget(
                 most_touches=min(demand.most_touches, self.usual_touches(demand)),
                 most_seconds=demand.most_seconds,

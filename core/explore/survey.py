@@ -158,7 +158,7 @@ class Survey:
         survey = replace(self, ends={**self.ends, end: touches})
         if touch.touched:
             survey = survey.reaching(float(touch.point[2]), float(touch.point[2]))
-        faces = [one.point for one in touches if one.touched and one.probing.reason != "edge"]
+        faces = [one.point for one in touches if one.touched and one.command.reason != "edge"]
         if not faces:
             return survey
         upper = end == "upper"

@@ -15,8 +15,8 @@ import numpy as np
 
 from palpate.core.arrays import Bools, Floats
 from palpate.core.explore.grasp import (
-    SEARCH_HEIGHTS,
     Hand,
+    HandSettings,
     brought_near,
     next_pose,
     search_places,
@@ -111,7 +111,7 @@ class _Grasp:
             return
         top = float(vertices[:, 2].max())
         middle = vertices[vertices[:, 2] >= top - FOOT].mean(axis=0)
-        pose = search_pose([middle[:2]], 0, top - UNDER - SEARCH_HEIGHTS[0])
+        pose = search_pose([middle[:2]], 0, top - UNDER - HandSettings().search_heights[0])
         assert pose is not None
         met = yield from close(HandMove(self.hand, pose))
         self.hollow = self.hand.fingers not in met.fingers

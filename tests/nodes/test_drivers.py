@@ -244,7 +244,7 @@ def test_file_that_cannot_be_published_is_refused_before_the_start(table, change
 
 
 @cases(
-    "given, unit",
+    "fields, unit",
     ({}, 1.0),
     ({"scale": 1e-3}, 1e3),
     ({"sensor": {"signal": "force"}}, 1.0),

@@ -3,153 +3,184 @@
 Every normal of a surface of revolution meets its axis; those of a screw surface have one pitch.
 Both are linear in the axis's Pluecker coordinates, so that neither the profile nor where along it
 the contacts lie matters: Pottmann and Randrup, *Rotational and helical surface approximation for
-reverse engineering*, 1998. Most normals of a box or a column are square to its axis, wherever its
-contacts lie; those of its two ends are not, and count for nothing. One touch of an end does not
-know whether it met a face: where the surface is level, sections are best taken level; and where all
-sides run straight along its normal, it is the face that closes them.
+reverse engineering*, 1998. Most normals of a box or a column are square to its axis; those of its
+two ends are not, and are left out. A single touch of an end does not show whether it met a face:
+where the surface is level, slices are best level; where all sides run straight along its normal, it
+is the face that closes them.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from palpate.core.arrays import Floats, scaled_mad
 
-# A surface that leans less lies level: the object stands on a platform and ends level, however its
-# middles lean.
-LEVEL = math.radians(3.0)
-# The sides run straight along the face's normal if their own axis differs by no more.
-SQUARE = math.radians(3.0)
-SAME = math.radians(1.0)  # An axis that differs by less is no other
-# Normals that are square to the axis but for less are those of the sides; closer each time.
-NEAR = tuple(math.radians(one) for one in (20.0, 10.0, 5.0, 2.5, 1.5))
-# Contacts of straight sides, at least; and their share of those that face sideways at all: of a
-# round surface far fewer do.
-FEWEST, LEAST_STRAIGHT = 10, 0.4
-# Share of the sides' normals, at least, in the direction that has fewest: else the axis may turn
-# about the only direction in which they point.
-ROUND_ABOUT = 0.05
-# Of reweighting, and of these with the axis's direction held, until it has found its place.
-SWEEPS, PLACING = 25, 6
-# Normals that miss the axis by more than this many standard deviations count for nothing: those at
-# edges, which are measured as something between their faces.
-CUT = 3.0
-ROUND = 0.015  # Of the size: normals that miss an axis by more than this do not belong to it
-QUIET = 5e-4  # Of the size: no standard deviation is taken for smaller
-RIDGE = 1e-6  # Of the mean: the axis of a cylinder may slide along itself
-PARAMETERS = 5
-LEAST = 6  # Contacts: an axis has four parameters, and a screw a fifth
+N_PARAMETERS = 5  # of a screw: four of its axis, and a pitch
+MIN_CONTACTS = N_PARAMETERS + 1
 
 
-def end_face_axis(axis: Floats, face: Floats, normals: Floats) -> Floats | None:
-    """A better axis than the one along which an end was touched; None if that does.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ExtrusionSettings:
+    """Which normals belong to the straight sides of an object, and when these have an axis."""
 
-    `axis` (3,): the slicing axis so far, a unit vector that points to the end. `face` (3,): outward
-    unit normal where the end was touched. `normals` (n, 3): outward unit normals of all contacts.
+    # [rad] from square to the axis, of the sides' normals in each iteration.
+    side_angles: tuple[float, ...] = tuple(math.radians(a) for a in (20.0, 10.0, 5.0, 2.5, 1.5))
+    min_contacts: int = 10  # of the sides
+    min_share: float = 0.4  # of all that are about square to the axis: a round surface has fewer
+    # Fraction of the normals in the direction that has fewest: else the axis may turn about the
+    # only direction in which they point.
+    min_spread: float = 0.05
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EndAxisSettings:
+    """When the normal of a touched end is a better slicing axis."""
+
+    min_change: float = math.radians(1.0)  # [rad] of the axis
+    max_level: float = math.radians(3.0)  # [rad] of a level end: the object stands on a platform
+    max_side_angle: float = math.radians(3.0)  # [rad] of the sides' own axis from the end's normal
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RevolutionSettings:
+    """How an axis of revolution is fitted to normals, some of which do not belong to it."""
+
+    n_iterations: int = 25  # of weighting the normals anew
+    n_fixed: int = 6  # of these, the first, in which the axis keeps its direction
+    outlier: float = 3.0  # [deviations] from which on a normal has no weight, as at edges
+    max_miss: float = 0.015  # [size of the contacts] of normals that belong to the axis
+    min_scale: float = 5e-4  # [size of the contacts] of the standard deviation
+    ridge: float = 1e-6  # of the mean moment: the axis of a cylinder may slide along itself
+
+
+def end_face_axis(
+    axis: Floats,
+    face: Floats,
+    normals: Floats,
+    settings: EndAxisSettings = EndAxisSettings(),
+    sides: ExtrusionSettings = ExtrusionSettings(),
+) -> Floats | None:
+    """The slicing axis (3,) that the touch of an end suggests; None to keep the present one.
+
+    `axis` (3,): the present slicing axis, a unit vector that points to the end. `face` (3,):
+    outward unit normal where the end was touched. `normals` (n, 3): outward unit normals of all
+    contacts. `settings`, `sides`: when the end decides, and which normals are the sides'.
     """
     vertical = np.array([0.0, 0.0, 1.0])
-    if _apart(face, axis) < SAME:
+    if _angle(face, axis) < settings.min_change:
         return None
-    if _apart(face, vertical) < LEVEL:
+    if _angle(face, vertical) < settings.max_level:
         return None if np.array_equal(axis, vertical) else vertical
-    straight = extrusion_axis(normals, face)
-    if straight is None or _apart(straight, face) > SQUARE:
+    straight = extrusion_axis(normals, face, sides)
+    if straight is None or _angle(straight, face) > settings.max_side_angle:
         return None
     return face
 
 
-def _apart(one: Floats, other: Floats) -> float:
-    """Angle between unit vectors, rad."""
-    return math.atan2(float(np.linalg.norm(np.cross(one, other))), float(one @ other))
+def _angle(a: Floats, b: Floats) -> float:
+    """Angle between unit vectors [rad]."""
+    return math.atan2(float(np.linalg.norm(np.cross(a, b))), float(a @ b))
 
 
-def extrusion_axis(normals: Floats, axis: Floats) -> Floats | None:
-    """The axis near another one to which the sides' normals are square; None if they are not.
+def extrusion_axis(
+    normals: Floats, axis: Floats, settings: ExtrusionSettings = ExtrusionSettings()
+) -> Floats | None:
+    """The axis (3,) to which the sides' normals are square; None if they have none.
 
     `normals` (n, 3): of the contacts. `axis` (3,): about where it lies. Both are unit vectors.
     """
-    facing = int((np.abs(normals @ axis) < math.sin(NEAR[0])).sum())
-    for near in NEAR:
-        sides = normals[np.abs(normals @ axis) < math.sin(near)]
-        if len(sides) < max(FEWEST, LEAST_STRAIGHT * facing):
+    sideways = int((np.abs(normals @ axis) < math.sin(settings.side_angles[0])).sum())
+    for angle in settings.side_angles:
+        sides = normals[np.abs(normals @ axis) < math.sin(angle)]
+        if len(sides) < max(settings.min_contacts, settings.min_share * sideways):
             return None
         spread, directions = np.linalg.eigh(sides.T @ sides / len(sides))
-        found = directions[:, 0]
-        axis = found if found @ axis > 0.0 else -found
-    return np.asarray(axis) if spread[1] >= ROUND_ABOUT else None
+        square = directions[:, 0]
+        axis = square if square @ axis > 0.0 else -square
+    return np.asarray(axis) if spread[1] >= settings.min_spread else None
 
 
 class RevolutionAxis(NamedTuple):
     """An axis that normals meet."""
 
-    axis: Floats  # Unit vector (3,); its sign means nothing
-    point: Floats  # On the axis, nearest to the middle of the contacts, (3,), m
-    error: float  # Standard deviation of the axis's angle, rad; at most pi
-    rms: float  # Spread of the distances of normals from the axis, as a share of the contacts' size
-    share: float  # Share of the contacts whose normals meet it within `ROUND`
-    # How fast normals leave another axis through the same point, as a share of the size for each
-    # radian of its turn: 0 for a ball.
+    axis: Floats  # (3,) unit vector; its sign means nothing
+    point: Floats  # (3,) [m] on the axis, nearest to the middle of the contacts
+    error: float  # [rad] standard deviation of the axis's angle; at most pi
+    rms: float  # [size of the contacts] spread of the distances of normals from the axis
+    share: float  # of the contacts whose normals meet it within `RevolutionSettings.max_miss`
+    # [size of the contacts per rad] by which normals leave an axis that turns about the point; 0
+    # for a ball.
     lift: float
 
 
-def revolution_axis(points: Floats, normals: Floats, axes: Floats) -> RevolutionAxis:
+def revolution_axis(
+    points: Floats,
+    normals: Floats,
+    axes: Floats,
+    settings: RevolutionSettings = RevolutionSettings(),
+) -> RevolutionAxis:
     """The axis that most normals meet best.
 
-    `points`, `normals` (n, 3): at least 6, m, and unit vectors. `axes` (k, 3): to start with,
-    beside three that the normals suggest. Raises ValueError if there are fewer contacts.
+    `points`, `normals` (n, 3): at least 6 contacts [m], and unit vectors. `axes` (k, 3): where the
+    search starts, besides three axes that the normals suggest. Raises ValueError if there are fewer
+    contacts.
     """
-    if len(points) < LEAST:
-        raise ValueError(f"points must be at least {LEAST}, got {len(points)}")
+    if len(points) < MIN_CONTACTS:
+        raise ValueError(f"points must be at least {MIN_CONTACTS}, got {len(points)}")
     middle = points.mean(axis=0)
     centred = points - middle
     size = math.sqrt(float((centred**2).sum(axis=1).mean())) or 1.0
     lines = np.hstack([np.cross(centred / size, normals), normals])
-    starts = [*_axes(lines, np.ones(len(lines)))[1].T, *axes]
-    weights, scale, _ = min((_settle(lines, start) for start in starts), key=lambda one: one[2])
-    spread, turned, slides = _axes(lines, weights)
-    axis = turned[:, 0]
-    beside = -slides @ axis
-    missed = lines @ np.concatenate([axis, beside])
+    starts = [*_axes(lines, np.ones(len(lines)), settings.ridge)[1].T, *axes]
+    fits = (_fit_weights(lines, start, settings) for start in starts)
+    weights, scale, _ = min(fits, key=lambda fit: fit[2])
+    spread, directions, slides = _axes(lines, weights, settings.ridge)
+    axis = directions[:, 0]
+    moment = -slides @ axis
+    missed = lines @ np.concatenate([axis, moment])
     total = float(weights.sum())
-    variance = scale**2 * total / max(total - PARAMETERS, 1.0)
+    variance = scale**2 * total / max(total - N_PARAMETERS, 1.0)
     lift = max(float(spread[1] - max(spread[0], 0.0)), 0.0)
     error = math.sqrt(variance / total / lift) if lift > 0.0 else math.pi
     return RevolutionAxis(
         axis,
-        middle + size * np.cross(axis, beside),
+        middle + size * np.cross(axis, moment),
         min(error, math.pi),
         scale,
-        float((np.abs(missed) < ROUND).mean()),
+        float((np.abs(missed) < settings.max_miss).mean()),
         math.sqrt(lift),
     )
 
 
-def _settle(lines: Floats, axis: Floats) -> tuple[Floats, float, float]:
+def _fit_weights(
+    lines: Floats, axis: Floats, settings: RevolutionSettings
+) -> tuple[Floats, float, float]:
     """Weights (n,) of the normals that meet an axis near this one, their spread, and its cost."""
     weights, scale, missed = np.ones(len(lines)), math.inf, np.zeros(len(lines))
-    for sweep in range(SWEEPS):
-        _, turned, slides = _axes(lines, weights)
-        if sweep >= PLACING:
-            axis = turned[:, 0]
+    for iteration in range(settings.n_iterations):
+        _, directions, slides = _axes(lines, weights, settings.ridge)
+        if iteration >= settings.n_fixed:
+            axis = directions[:, 0]
         missed = lines @ np.concatenate([axis, -slides @ axis])
-        scale = max(scaled_mad(missed), QUIET)
-        off = np.minimum(np.abs(missed) / (CUT * scale), 1.0)
+        scale = max(scaled_mad(missed), settings.min_scale)
+        off = np.minimum(np.abs(missed) / (settings.outlier * scale), 1.0)
         weights = (1.0 - off * off) ** 2
     # Not the least spread: half of the contacts may agree on an axis that the others refute.
-    cost = float(np.minimum(np.abs(missed) / ROUND, 1.0).mean())
+    cost = float(np.minimum(np.abs(missed) / settings.max_miss, 1.0).mean())
     return weights, scale, cost
 
 
-def _axes(lines: Floats, weights: Floats) -> tuple[Floats, Floats, Floats]:
-    """Mean square misses (3,) ascending, their axes as columns, and how the moment follows, (3, 3).
+def _axes(lines: Floats, weights: Floats, ridge: float) -> tuple[Floats, Floats, Floats]:
+    """Mean square misses (3,) ascending, their axes as columns, and `slides` (3, 3).
 
-    The best moment of an axis a is -slides @ a; it leaves a problem in a alone.
+    The best moment of an axis a is -slides @ a; with it the misses depend on a alone.
     """
     square = (lines * weights[:, None]).T @ lines / float(weights.sum())
-    mixed, own = square[3:, :3], square[3:, 3:] + RIDGE * np.trace(square) / 6.0 * np.eye(3)
+    mixed, own = square[3:, :3], square[3:, 3:] + ridge * np.trace(square) / 6.0 * np.eye(3)
     slides = np.linalg.solve(own, mixed)
     spread, axes = np.linalg.eigh(square[:3, :3] - mixed.T @ slides)
     return spread, axes, slides

@@ -2,9 +2,9 @@
 
 It closes next where it expects to touch farthest from all contacts so far. The hand's own frame:
 its z axis points away from the palm, into what is grasped; the fingers close towards the origin in
-the plane across it, evenly spread, and the palm comes from behind. What is expected is an ellipsoid
-about the contacts, on the platform. Before there are any, the hand goes over the platform from
-above until it closes on something.
+the plane across it, evenly spread, and the palm comes from behind. The expected object is an
+ellipsoid about the contacts that stands on the platform. Before there are any contacts, the hand
+looks over the platform from above until it closes on something.
 """
 
 from __future__ import annotations
@@ -22,52 +22,71 @@ from palpate.core.poses import Pose, pad_rotation
 from palpate.core.shapes import Shape
 from palpate.core.touch import CONTACT, Pad, Pipeline, SimulatedTouch, StageStates, clean, fit_patch
 
-SEARCH_HEIGHTS = (0.04, 0.012)  # Over the platform, m: where the hand closes while nothing is found
-THICKNESS = 0.04  # Of what is touched, while it has not been touched from all sides, m
-FEW = 12  # Contacts below which it has not
-SLENDEREST = 0.15  # No expected semi-axis is shorter than this share of the longest
-LEANS = (0.0, math.radians(40.0), math.radians(75.0))  # Of the hand's axis from the vertical
-AROUND = 8  # Directions from which a leaning hand comes
-# Where the hand closes, in expected semi-axes, the shortest first.
-SHIFTS = np.array(
-    [[0, 0, 0], [0, 0, 0.75], [0, 0, -0.75], [0, 0, 0.4], [0, 0, -0.4], [0, 0.5, 0], [0, -0.5, 0]]
-)
-MOST_FINGERS = 20
-FINGERTIP = 8e-3  # Half a fingertip's width, m: a finger stays this far above the platform
-LEVEL = 1e-9  # Slope below which a finger does not go down
-MARGIN = 0.02  # Distance from what is expected at which fingers begin to close slowly, m
-GRASP_DEPTH = 1.0e-3  # Compression at which a finger stops, m
-ACROSS: Floats = np.array([0.0, 1.0, 0.0])
-ACROSS.setflags(write=False)
+MAX_FINGERS = 20
+MIN_DESCENT = 1e-9  # [1] slope below which a finger does not go down
 
 
-def search_pose(places: list[Floats], number: int, platform: float) -> Pose | None:
-    """Pose of a hand that looks for the object from above; None when it looked everywhere.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HandSettings:
+    """From where a hand closes, and what it expects to touch."""
 
-    `places` (2,): where to look, m. `platform`: height of the platform, m.
+    search_heights: tuple[float, ...] = (0.04, 0.012)  # [m] over the platform, before any contact
+    # With fewer contacts the object has not been touched from all sides: it is expected to be so
+    # thick behind each contact.
+    min_contacts: int = 12
+    thickness: float = 0.04  # [m]
+    min_axis_ratio: float = 0.15  # of the expected ellipsoid's shortest to its longest semi-axis
+    leans: tuple[float, ...] = (0.0, math.radians(40.0), math.radians(75.0))  # [rad] of the hand
+    n_azimuths: int = 8  # from which a leaning hand comes
+    # [expected semi-axes, the shortest first] of the hand's middle from the ellipsoid's.
+    shifts: tuple[tuple[float, float, float], ...] = (
+        (0.0, 0.0, 0.0),
+        (0.0, 0.0, 0.75),
+        (0.0, 0.0, -0.75),
+        (0.0, 0.0, 0.4),
+        (0.0, 0.0, -0.4),
+        (0.0, 0.5, 0.0),
+        (0.0, -0.5, 0.0),
+    )
+    margin: float = 0.02  # [m] before the expected surface, where fingers begin to close slowly
+
+
+def search_pose(
+    places: list[Floats], number: int, platform: float, settings: HandSettings = HandSettings()
+) -> Pose | None:
+    """Pose number `number` of a hand that looks for the object from above; None after the last.
+
+    `places` (2,): where to look [m]. `platform`: height of the platform [m].
     """
-    place, height = divmod(number, len(SEARCH_HEIGHTS))
+    place, height = divmod(number, len(settings.search_heights))
     if place >= len(places):
         return None
     x, y = places[place].tolist()
-    return Pose(np.array([x, y, platform + SEARCH_HEIGHTS[height]]), _turns(5)[0])
+    return Pose(np.array([x, y, platform + settings.search_heights[height]]), _turn(0.0, 0.0, 0.0))
 
 
-def next_pose(hand: Hand, points: Floats, normals: Floats, platform: float) -> Pose:
+def next_pose(
+    hand: Hand,
+    points: Floats,
+    normals: Floats,
+    platform: float,
+    settings: HandSettings = HandSettings(),
+) -> Pose:
     """Pose from which a hand is expected to touch where nothing was touched yet.
 
-    `points`, `normals` (n, 3): contacts so far, at least one, m, and outward unit normals.
-    `platform`: its height, m. Farthest-point sampling: of a fixed set of poses the one is taken
-    whose expected contacts are together farthest from those that there are, and from each other.
+    `points`, `normals` (n, 3): contacts so far, at least one [m], and outward unit normals.
+    `platform`: its height [m]. Farthest-point sampling: of a fixed set of poses the one is taken
+    whose expected contacts have the largest sum of distances from the nearest contact, be it one
+    of the past or of another finger.
     """
-    middle, axes, size = expected_ellipsoid(points, normals, platform)
-    middles = middle + (SHIFTS * size) @ axes.T
-    middles[:, 2] = np.maximum(middles[:, 2], platform + FINGERTIP)
-    turns = _turns(hand.fingers)
+    middle, axes, size = expected_ellipsoid(points, normals, platform, settings)
+    middles = middle + (np.array(settings.shifts) * size) @ axes.T
+    middles[:, 2] = np.maximum(middles[:, 2], platform + hand.fingertip)
+    turns = _turns(hand.fingers, settings.leans, settings.n_azimuths)
     hands = np.repeat(middles, len(turns), axis=0), np.tile(turns, (len(middles), 1, 1))
     touched, places = _expected_contacts(finger_paths(hand, *hands, platform), middle, axes, size)
     gain = _distances(places, points)
-    for i in range(1, places.shape[1]):  # a finger beside another one tells little
+    for i in range(1, places.shape[1]):  # a finger beside another one adds little
         beside = np.linalg.norm(places[:, :i] - places[:, i : i + 1], axis=2)
         beside[~touched[:, :i]] = math.inf
         gain[:, i] = np.minimum(gain[:, i], beside.min(axis=1))
@@ -75,30 +94,40 @@ def next_pose(hand: Hand, points: Floats, normals: Floats, platform: float) -> P
     return Pose(hands[0][best], hands[1][best])
 
 
-def brought_near(hand: Hand, pose: Pose, points: Floats, normals: Floats, platform: float) -> Hand:
-    """The hand whose fingers are brought near what is expected before they close.
+def brought_near(
+    hand: Hand,
+    pose: Pose,
+    points: Floats,
+    normals: Floats,
+    platform: float,
+    settings: HandSettings = HandSettings(),
+) -> Hand:
+    """The hand whose fingers are brought near the expected surface before they close.
 
     Arguments as of `next_pose`. A finger that then is inside does not close, and counts as blocked.
     """
-    if len(points) < FEW:
+    if len(points) < settings.min_contacts:
         return hand
-    expected = expected_ellipsoid(points, normals, platform)
+    expected = expected_ellipsoid(points, normals, platform, settings)
     place, axes = pose
     paths = finger_paths(hand, place[None], axes[None], platform)
     touched, places = _expected_contacts(paths, *expected)
-    ways = np.linalg.norm(places - paths.starts, axis=2)
-    # A finger that is expected to pass it stays as far away as that reaches.
+    distances = np.linalg.norm(places - paths.starts, axis=2)
+    # A finger that is expected to pass the ellipsoid stays outside its longest semi-axis.
     passing = hand.opening - np.linalg.norm(place - expected[0]) - expected[2].max()
-    near = np.maximum(np.where(touched, ways, passing)[0] - MARGIN, 0.0)
+    near = np.maximum(np.where(touched, distances, passing)[0] - settings.margin, 0.0)
     return replace(hand, advanced=tuple(near.tolist()))
 
 
 def expected_ellipsoid(
-    points: Floats, normals: Floats, platform: float
+    points: Floats, normals: Floats, platform: float, settings: HandSettings = HandSettings()
 ) -> tuple[Floats, Floats, Floats]:
-    """Middle (3,), axes (3, 3) and semi-axes (3,) of the ellipsoid that contacts let expect, m."""
-    if len(points) < FEW:  # as thick as it may well be behind each contact
-        points = np.concatenate([points, points - THICKNESS * normals])
+    """Middle (3,), axes (3, 3) and semi-axes (3,) of an ellipsoid about contacts [m].
+
+    It stands on the platform. Arguments as of `next_pose`.
+    """
+    if len(points) < settings.min_contacts:
+        points = np.concatenate([points, points - settings.thickness * normals])
     foot = points[points[:, 2].argmin()].copy()
     foot[2] = platform
     points = np.maximum(np.concatenate([points, foot[None]]), [-math.inf, -math.inf, platform])
@@ -107,22 +136,23 @@ def expected_ellipsoid(
     along = points @ axes
     low, high = along.min(axis=0), along.max(axis=0)
     size = 0.5 * (high - low)
-    return axes @ (0.5 * (low + high)), axes, np.maximum(size, SLENDEREST * size.max())
+    middle = axes @ (0.5 * (low + high))
+    return middle, axes, np.maximum(size, settings.min_axis_ratio * size.max())
 
 
 @cache
-def _turns(fingers: int) -> Floats:
-    """Rotations (n, 3, 3) of a hand that points down or leans, each spun two ways."""
+def _turns(fingers: int, leans: tuple[float, ...], n_azimuths: int) -> Floats:
+    """Rotations (n, 3, 3) of a hand that points down or leans, each with two spins."""
     turns = []
-    for lean in LEANS:
-        for azimuth in 2.0 * math.pi * np.arange(AROUND if lean else 1) / AROUND:
+    for lean in leans:
+        for azimuth in 2.0 * math.pi * np.arange(n_azimuths if lean else 1) / n_azimuths:
             for spin in (0.0, math.pi / fingers):
                 turns.append(_turn(lean, float(azimuth), spin))
     return np.stack(turns)
 
 
 def _turn(lean: float, azimuth: float, spin: float) -> Floats:
-    """Rotation whose z axis comes from an azimuth, leaning from straight down."""
+    """Rotation (3, 3) whose z axis comes from an azimuth and leans from straight down [rad]."""
     c, s = math.cos(lean), math.sin(lean)
     leaning = np.array([[c, 0.0, -s], [0.0, -1.0, 0.0], [-s, 0.0, -c]])
     result: Floats = _about_z(azimuth) @ leaning @ _about_z(spin)
@@ -130,6 +160,7 @@ def _turn(lean: float, azimuth: float, spin: float) -> Floats:
 
 
 def _about_z(angle: float) -> Floats:
+    """Rotation (3, 3) about z [rad]."""
     c, s = math.cos(angle), math.sin(angle)
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
@@ -138,8 +169,9 @@ def _expected_contacts(
     paths: FingerPaths, middle: Floats, axes: Floats, size: Floats
 ) -> tuple[Bools, Floats]:
     """Which fingertips (h, f) meet the ellipsoid within reach, and where, (h, f, 3)."""
-    start, way = (paths.starts - middle) @ axes / size, paths.along @ axes / size
-    a, b, c = (np.einsum("hfi,hfi->hf", *two) for two in ((way, way), (start, way), (start, start)))
+    start, step = (paths.starts - middle) @ axes / size, paths.along @ axes / size
+    pairs = (step, step), (start, step), (start, start)
+    a, b, c = (np.einsum("hfi,hfi->hf", *pair) for pair in pairs)
     root = b * b - a * (c - 1.0)
     distance = (-b - np.sqrt(np.maximum(root, 0.0))) / a
     meets = (root > 0.0) & (distance > 0.0) & (distance < paths.reach)
@@ -156,20 +188,22 @@ def _distances(places: Floats, points: Floats) -> Floats:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Hand:
-    """How many fingers a hand has, and how wide it opens.
+    """A hand: its fingers, and how wide it opens.
 
     Raises ValueError unless it has 1 to 20 fingers, and the opening and the reach are positive.
     """
 
-    fingers: int = 5  # Beside the palm
-    opening: float = 0.12  # Distance of fingertips and palm from the middle of the open hand, m
-    reach: float = 0.12  # Longest way of a fingertip, m
-    # How far each fingertip, the palm last, is brought in before it closes, m; not at all if none.
+    fingers: int = 5  # besides the palm
+    opening: float = 0.12  # [m] from the middle of the open hand to fingertips and palm
+    reach: float = 0.12  # [m] longest distance that a fingertip moves
+    # [m] by which each fingertip, the palm last, is brought in before it closes; empty: none is.
     advanced: tuple[float, ...] = ()
+    fingertip: float = 8e-3  # [m] half a fingertip's width: its distance from the platform
+    depth: float = 1.0e-3  # [m] compression at which a finger stops
 
     def __post_init__(self) -> None:
-        if not 1 <= self.fingers <= MOST_FINGERS:
-            raise ValueError(f"fingers must be from 1 to {MOST_FINGERS}, got {self.fingers}")
+        if not 1 <= self.fingers <= MAX_FINGERS:
+            raise ValueError(f"fingers must be from 1 to {MAX_FINGERS}, got {self.fingers}")
         positive("opening", self.opening, "m")
         positive("reach", self.reach, "m")
         if (count := len(self.advanced)) not in (0, self.fingers + 1):
@@ -180,45 +214,47 @@ class Hand:
 
 
 class FingerPaths(NamedTuple):
-    """Ways of the fingertips of hands, and how far they may go."""
+    """Straight paths of the fingertips of hands."""
 
-    starts: Floats  # (hands, fingers + 1, 3), m; the palm is last
-    along: Floats  # Unit directions, (hands, fingers + 1, 3)
-    # (hands, fingers + 1), m: 0 where the platform is in the way, and the finger stays open.
+    starts: Floats  # (hands, fingers + 1, 3) [m] the palm is last
+    along: Floats  # (hands, fingers + 1, 3) unit directions
+    # (hands, fingers + 1) [m] how far they may go; 0 where the platform is in the way, and the
+    # finger stays open.
     reach: Floats
 
 
-def search_places(reach: float, spacing: float, most_rings: int | None = None) -> list[Floats]:
-    """Places (2,) at which to look for the object, m: the axis, then rings around it.
+def search_places(reach: float, spacing: float, max_rings: int | None = None) -> list[Floats]:
+    """Places (2,) at which to look for the object [m]: the axis, then rings around it.
 
-    Neighbouring places are at most so far apart that nothing wider is missed within reach.
+    Neighbouring places are at most `spacing` [m] apart, so that nothing wider is missed within
+    `reach` [m].
     """
     places = [np.zeros(2)]
-    rings = int(reach / spacing)
-    for ring in range(1, (rings if most_rings is None else min(rings, most_rings)) + 1):
+    n_rings = int(reach / spacing)
+    for ring in range(1, (n_rings if max_rings is None else min(n_rings, max_rings)) + 1):
         azimuths = 2 * math.pi * np.arange(6 * ring) / (6 * ring)
-        away = ring * spacing
-        places += [away * np.array([math.cos(a), math.sin(a)]) for a in azimuths]
+        radius = ring * spacing
+        places += [radius * np.array([math.cos(a), math.sin(a)]) for a in azimuths]
     return places
 
 
 class Grasp(NamedTuple):
     """What a closing hand touched."""
 
-    points: Floats  # Contacts (n, 3), m
-    normals: Floats  # Outward unit normals, (n, 3)
-    fingers: tuple[int, ...]  # Which finger made each contact, from 0; the palm is the last
-    missed: int  # Fingers that closed on nothing, or that could not say what they touched
-    blocked: int  # Fingers that did not move, as the platform or the object was in their way
-    advance: float  # Longest way that a fingertip went, m
+    points: Floats  # (n, 3) [m] contacts
+    normals: Floats  # (n, 3) outward unit normals
+    fingers: tuple[int, ...]  # which finger made each contact, from 0; the palm is the last
+    missed: int  # fingers that closed on nothing, or whose touch showed no surface
+    blocked: int  # fingers that did not move: the platform or the object was in the way
+    advance: float  # [m] longest distance that a fingertip moved
 
 
 class Closing(NamedTuple):
     """When a hand closes, and how often it has done so before."""
 
-    number: int  # Counts the hand's closings from 0; chooses the random draws
-    begun: float  # Robot time at which it begins to close, s
-    previous: float  # Robot time at which it had opened before, s
+    number: int  # of the hand's closings, from 0; chooses the random draws
+    begun: float  # [s] robot time at which it begins to close
+    previous: float  # [s] robot time at which it had opened before
 
 
 def close_hand(
@@ -232,9 +268,9 @@ def close_hand(
 ) -> tuple[Grasp, tuple[StageStates, ...]]:
     """Close every finger until it touches.
 
-    `fingers`, `remembered`: fingertips with the scene's effects, the palm last, and what each
-    remembers. `hand`, `pose`, `platform`: how wide it opens, where it is, and the platform's
-    height, m. Returns the grasp, and what the fingertips remember next.
+    `fingers`, `remembered`: fingertips with the scene's effects, the palm last, and the state of
+    each. `hand`, `pose`, `platform`: the open hand, where it is, and the platform's height [m].
+    Returns the grasp, and the fingertips' next states.
     """
     poses, reaches = fingertip_starts(hand, pose, platform)
     touches = [
@@ -244,7 +280,7 @@ def close_hand(
             believed=start,
             actual=start,
             reach=reach,
-            depth=GRASP_DEPTH,
+            depth=hand.depth,
             begun=closing.begun,
             previous=closing.previous,
         )
@@ -256,11 +292,11 @@ def close_hand(
         states if touch is None else pipeline.simulate(touch, states)
         for pipeline, states, touch in zip(fingers, remembered, touches, strict=True)
     ]
-    return _together(fingers, touches), tuple(following)
+    return _grasp_of(fingers, touches), tuple(following)
 
 
 def fingertip_starts(hand: Hand, pose: Pose, platform: float) -> tuple[list[Pose], Floats]:
-    """Start poses, and ways (n,) [m], of an open hand's fingertips, the palm last."""
+    """Start poses and reaches (n,) [m] of an open hand's fingertips, the palm last."""
     place, axes = pose
     paths = finger_paths(hand, place[None], axes[None], platform)
     turns = _in_hand(hand.fingers)[1]
@@ -269,42 +305,44 @@ def fingertip_starts(hand: Hand, pose: Pose, platform: float) -> tuple[list[Pose
 
 
 def finger_paths(hand: Hand, places: Floats, axes: Floats, platform: float) -> FingerPaths:
-    """Ways of the fingertips of open hands."""
+    """Paths of the fingertips of open hands at places (n, 3) [m] with axes (n, 3, 3)."""
     tips, turns = _in_hand(hand.fingers)
     advanced = np.array(hand.advanced or [0.0] * len(tips))
     tips = (hand.opening - advanced)[:, None] * tips
     starts = places[:, None] + np.einsum("hij,fj->hfi", axes, tips)
     along = np.einsum("hij,fj->hfi", axes, turns[:, :, 2])
     down = along[:, :, 2]
-    room = starts[:, :, 2] - platform - FINGERTIP * np.sqrt(np.maximum(1.0 - down**2, 0.0))
-    reach = np.where(down < -LEVEL, room / np.maximum(-down, LEVEL), math.inf)
-    ways = np.where(room > 0.0, np.clip(reach, 0.0, hand.reach - advanced), 0.0)
-    return FingerPaths(starts, along, ways)
+    tilted_width = hand.fingertip * np.sqrt(np.maximum(1.0 - down**2, 0.0))
+    height = starts[:, :, 2] - platform - tilted_width
+    reach = np.where(down < -MIN_DESCENT, height / np.maximum(-down, MIN_DESCENT), math.inf)
+    reach = np.where(height > 0.0, np.clip(reach, 0.0, hand.reach - advanced), 0.0)
+    return FingerPaths(starts, along, reach)
 
 
 @cache
 def _in_hand(fingers: int) -> tuple[Floats, Floats]:
-    """Fingertips, the palm last, in the hand: places (n, 3) over the opening, and turns."""
-    around = 2.0 * math.pi * np.arange(fingers) / fingers
-    places = np.column_stack([np.cos(around), np.sin(around), np.zeros(fingers)])
-    turns = [pad_rotation(turn, 0.0) for turn in around.tolist()]
+    """Fingertips, the palm last, in the hand: places (n, 3) over the opening, and rotations."""
+    azimuths = 2.0 * math.pi * np.arange(fingers) / fingers
+    places = np.column_stack([np.cos(azimuths), np.sin(azimuths), np.zeros(fingers)])
+    turns = [pad_rotation(azimuth, 0.0) for azimuth in azimuths.tolist()]
     return np.vstack([places, [[0.0, 0.0, -1.0]]]), np.stack([*turns, np.eye(3)])
 
 
-def _together(fingers: Sequence[Pipeline], touches: Sequence[SimulatedTouch | None]) -> Grasp:
+def _grasp_of(fingers: Sequence[Pipeline], touches: Sequence[SimulatedTouch | None]) -> Grasp:
+    """What fingertips have touched; None for a finger that did not move."""
     contacts, which, missed, blocked, advance = [], [], 0, 0, 0.0
     for i, (pipeline, touch) in enumerate(zip(fingers, touches, strict=True)):
         if touch is None or touch.outcome == "inside":
             blocked += 1
             continue
         advance = max(advance, touch.advance)
-        found = None
+        contact = None
         if touch.outcome != "miss":
-            found = contact_of(pipeline.finger.pad, touch.believed, touch.reading, pipeline.noise)
-        if found is None:
+            contact = contact_of(pipeline.finger.pad, touch.believed, touch.reading, pipeline.noise)
+        if contact is None:
             missed += 1
             continue
-        contacts.append(found)
+        contacts.append(contact)
         which.append(i)
     points = np.array([point for point, _ in contacts]).reshape(-1, 3)
     normals = np.array([normal for _, normal in contacts]).reshape(-1, 3)
@@ -314,15 +352,17 @@ def _together(fingers: Sequence[Pipeline], touches: Sequence[SimulatedTouch | No
 def contact_of(
     pad: Pad, pose: Pose, compression: Floats, noise: float
 ) -> tuple[Floats, Floats] | None:
-    """What a pressed fingertip tells of the surface, in the frame in which its pose is given.
+    """The deepest point (3,) [m] and the surface's unit normal (3,); None if nothing is touched.
 
-    The deepest point, with the normal of the surface about it; None if nothing is touched.
+    `compression` (rows, cols), `noise`: of the taxels, and its standard deviation [m]. The result
+    is in the frame of `pose`.
     """
     cleaned = clean(pad, compression, noise, CONTACT, "auto")
     if not cleaned.touched.any():
         return None
     surface = pad.surface(cleaned.compression, cleaned.touched)
-    patch = fit_patch(pad, surface, cleaned.touched, ACROSS, noise)
+    across = np.array([0.0, 1.0, 0.0])
+    patch = fit_patch(pad, surface, cleaned.touched, across, noise)
     position, axes = pose
     if patch.jet is not None and patch.kind == "smooth":
         return axes @ patch.place + position, axes @ patch.normal

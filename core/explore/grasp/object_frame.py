@@ -1,79 +1,110 @@
-"""The frame in which an object is sliced, where it begins and ends, and its coarse model.
+"""The frame in which an object is sliced: its axis, its ends and its radius.
 
-Its axis is the one about which the object was turned, if there is one; else the longest principal
-axis, so that the ends, which slices know least of, are its smallest faces; the shortest where the
-two longer ones are alike (Fung, 1999, 6.1, takes the one that differs most); or beside it the one
-along which the surface runs straight; else the world's own z axis, which the frame tells. Who knows
-better may give the axis. An end that was touched is where its contacts tell; one that was not is
-where the fitted solid has it, if that fits, or where the platform cuts it off.
-
-What the fitted solid misses is a smooth field of displacements along its normals: a Gaussian
-process that the contacts' residuals pin down where they are; elsewhere it returns to nothing, and
-may be anything of the size of what the fit misses. So a bump that was touched moves the axis, and a
-side that was not makes it uncertain. Rasmussen and Williams, *Gaussian processes for machine
-learning*, 2006, (2.25) and (2.26).
+The axis is the axis of revolution, if there is one; else the longest principal axis, so that the
+ends, which slices know least of, are its smallest faces; the shortest where the two longer ones are
+alike (Fung, 1999, 6.1, takes the one that differs most); or near such an axis the one along which
+the surface runs straight; else the world's z axis, which the frame states. The caller may give the
+axis. A touched end lies where its contacts are; one that was not touched lies where the fitted
+solid has it, if that fits, or where the platform cuts it off.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
 
 import numpy as np
 
-from palpate.core.arrays import Bools, Floats, Ints, finite_array, positive
-from palpate.core.explore.grasp.axes import ROUND, RevolutionAxis, extrusion_axis, revolution_axis
+from palpate.core.arrays import Bools, Floats, finite_array, positive
+from palpate.core.explore.grasp.axes import (
+    ExtrusionSettings,
+    RevolutionAxis,
+    RevolutionSettings,
+    extrusion_axis,
+    revolution_axis,
+)
+from palpate.core.explore.grasp.corrected_solid import (
+    CorrectedSolid,
+    SolidSettings,
+    solid_on_platform,
+)
 from palpate.core.poses import Pose
-from palpate.core.shapes import FittedSuperquadric, Mesh
+from palpate.core.shapes import FittedSuperquadric
 
-# Which axis: that about which the surface was turned, a principal axis, no axis of its own, or one
-# that was given.
+# "revolution": the surface was turned about it; "longest", "shortest": a principal axis; "none":
+# the object has no axis of its own; "given": the caller's.
 AxisKind = Literal["revolution", "longest", "shortest", "none", "given"]
-LEVEL = 4  # Of the tessellation in which volumes are summed
-MOST_NORMALS = 0.6  # Of the contacts, at least, must be such normals
-LIFT = 0.045  # Of the size for each radian: what is nearer to a ball has no axis of revolution
-SURE = math.radians(3.0)  # An axis whose standard deviation is larger is none
-# A fit that came to a bound reaches where nothing was touched: its axes are less certain by this.
-STRAINED = 6.0
-DISTINCT = 1.06  # Principal axes whose ratio is smaller are alike
-EXACT = 1e-9  # A given axis that leans less is the vertical, rad
-# An axis of revolution within two standard deviations of the vertical, but at least and at most
-# this, is the vertical: objects stand on platforms.
-LEAST_SNAP, MOST_SNAP = math.radians(1.0), math.radians(3.0)
-# So is a principal axis that leans less: features that no contact has met turn the axes of vases
-# and twisted columns by as much, and slices that lean less are as good. Fewer contacts turn
-# them farther.
-PRINCIPAL_SNAP, FEW_SNAP, FEW_CONTACTS = math.radians(15.0), math.radians(45.0), 60
-FEWEST = 11  # Contacts below which there is no axis
-TIE = 1e-9  # Parts of an axis that are smaller have no sign
-FACING = 0.9  # Cosine to the axis from which on a contact's normal says where the end is
-LEANING = 0.5  # The same, where the fitted solid is no help
-NEAR = 0.06  # Of the extent: contacts as near as this to the outermost one belong to the end
-BOUNDED = 0.3  # Share of this that is allowed to a fit that came to a bound
-QUARTER = 0.25  # Of the extent: the widest contact so near to the lower end tells how wide that is
-FITS = 0.015  # Of the diameter: a solid that misses its contacts by more tells of nothing beyond
-LEAST_COSINE = 0.5  # The platform cuts off an axis that is steeper than this
-REACH = 0.2  # Of the diameter: how far one residual speaks for its neighbourhood
-UNSEEN = 5.0  # A fit follows the contacts: away from them it is off by so many times its misses
-TIED = 1e-6  # Of the largest variance: no gap between two counts as smaller
+MAX_ROUNDING = 1e-9  # [1] parts of unit vectors that are smaller are 0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AxisSettings:
+    """Which axis a solid has, and when that is the vertical.
+
+    Objects stand on platforms, so an axis near the vertical is taken for it. Features that no
+    contact has met turn the principal axes of vases and twisted columns by as much as stands here,
+    and slices that lean less are as good; with few contacts the axes turn farther.
+    """
+
+    min_normals: float = 0.6  # fraction of the contacts whose normals meet an axis of revolution
+    min_lift: float = 0.045  # of `RevolutionAxis`; less: nearer to a ball
+    max_error: float = math.radians(3.0)  # [rad] standard deviation of an axis
+    bound_factor: float = 6.0  # on errors of principal axes of a fit that came to a bound
+    min_ratio: float = 1.06  # of two principal axes that differ
+    snap_deviations: float = 2.0  # of an axis of revolution that is snapped to the vertical
+    min_snap: float = math.radians(1.0)  # [rad] of an axis of revolution, at least
+    max_snap: float = math.radians(3.0)  # [rad] of an axis of revolution, at most
+    principal_snap: float = math.radians(15.0)  # [rad] of a principal axis
+    few_contacts: int = 60  # fewer have the next snap
+    few_contacts_snap: float = math.radians(45.0)  # [rad] of a principal axis
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ExtentSettings:
+    """Where an object ends along its axis, and how uncertain that is."""
+
+    end_height: float = 0.06  # [extent] of contacts of the end below the outermost one
+    min_cosine: float = 0.9  # of the axis to the normal of a contact that shows where the end is
+    min_round_cosine: float = 0.5  # the same, where the fitted solid does not fit
+    bound_share: float = 0.3  # of the usual misfit that a fit which came to a bound may have
+    foot_height: float = 0.25  # [extent] of contacts that may be the foot's rim
+    min_axis_cosine: float = 0.5  # of the axis to the vertical, for the platform to cut it off
+    # [radius] standard deviations of ends that neither contacts nor the solid show.
+    free_error: float = 0.5
+    platform_error: float = 0.25  # of an end on the platform
+    round_error: float = 0.1  # of an end between an edge and a round cap
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FrameSettings:
+    """How the frame of a grasped object is found."""
+
+    min_contacts: int = 11  # for an axis
+    max_misfit: float = 0.015  # [diameter] of contacts from a solid that shows what lies beyond
+    solid: SolidSettings = field(default_factory=SolidSettings)
+    axis: AxisSettings = field(default_factory=AxisSettings)
+    extent: ExtentSettings = field(default_factory=ExtentSettings)
+    revolution: RevolutionSettings = field(default_factory=RevolutionSettings)
+    extrusion: ExtrusionSettings = field(default_factory=ExtrusionSettings)
 
 
 class ObjectFrame(NamedTuple):
     """Where and along which axis an object is sliced."""
 
-    # Of the frame in the world: its z axis is the slicing axis, its origin lies on it. An
-    # upright frame has the world's axes, and its heights are the world's.
+    # Of the frame in the world: its z axis is the slicing axis, its origin lies on it. An upright
+    # frame has the world's axes and heights.
     pose: Pose
-    low: float  # Where the object begins along the axis, slicing frame, m
-    high: float  # Where it ends, m
-    radius: float  # Largest distance of its surface from the axis, m
-    axis: AxisKind  # Which axis it is; "none" is the world's z axis, for want of a better one
-    axis_error: float  # Standard deviation of the axis's angle, rad; 0 for "none"
-    place_error: float  # Standard deviation of its place, m
-    extent_error: float  # Standard deviation of `low` and `high`, the larger one, m
+    low: float  # [m] along the axis where the object begins, slicing frame
+    high: float  # [m] where it ends
+    radius: float  # [m] largest distance of its surface from the axis
+    axis: AxisKind  # "none": the world's z axis
+    axis_error: float  # [rad] standard deviation of the axis's angle; 0 for "none"
+    place_error: float  # [m] standard deviation of the axis's place
+    extent_error: float  # [m] standard deviation of `low` and `high`, the larger one
 
     @property
-    def ambiguous(self) -> bool:
+    def is_ambiguous(self) -> bool:
         """Whether the object showed no axis of its own."""
         return self.axis == "none"
 
@@ -84,23 +115,24 @@ class _Line(NamedTuple):
     axis: Floats
     point: Floats
     kind: AxisKind
-    error: float  # rad
-    shift: float  # m
+    angle_error: float  # [rad] standard deviation
+    place_error: float  # [m] standard deviation
 
 
 def fit_object_frame(
-    found: FittedSuperquadric,
+    fit: FittedSuperquadric,
     points: Floats,
     normals: Floats,
     platform: float,
     noise: float,
     axis: Floats | None = None,
+    settings: FrameSettings = FrameSettings(),
 ) -> ObjectFrame:
-    """The frame for an object that was grasped.
+    """The frame of a grasped object.
 
-    `points`, `normals` (n, 3): contacts, at least one, m, and outward unit normals. `platform`:
-    height on which it stands, m. `noise`: standard deviation of a contact, m. `axis` (3,): the
-    slicing axis, a unit vector; else it is looked for. Raises ValueError if there is no contact, an
+    `points`, `normals` (n, 3): contacts, at least one [m], and outward unit normals. `platform`:
+    height on which it stands [m]. `noise`: standard deviation of a contact [m]. `axis` (3,): the
+    slicing axis, a unit vector; None to look for it. Raises ValueError if there is no contact, an
     array is not finite or has another shape, or the noise is not positive.
     """
     points = finite_array("points", points, (None, 3))
@@ -108,174 +140,103 @@ def fit_object_frame(
     positive("noise", noise, "m")
     if not len(points):
         raise ValueError("points must hold at least one contact, got none")
-    if not found.fitted or len(points) < FEWEST:
+    if not fit.fitted or len(points) < settings.min_contacts:
         return _about_contacts(points, platform, axis)
-    solid = solid_on_platform(found, points, platform, noise)
-    if not solid.mass.sound:
+    solid = solid_on_platform(fit, points, platform, noise, settings.solid)
+    if not solid.mass.is_sound:
         return _about_contacts(points, platform, axis)
+    contacts = Contacts(points, normals)
     if axis is not None:
-        line = _Line(axis, solid.mass.centroid, "given", 0.0, solid.shift)
-        return _framed(line, solid, found, Contacts(points, normals), platform)
-    strain = STRAINED if "at a bound" in found.warnings else 1.0
-    line = _line(solid, revolution_axis(points, normals, solid.mass.axes.T), strain)
-    straight = extrusion_axis(normals, line.axis) if line.kind in ("longest", "shortest") else None
-    if straight is not None:
-        line = line._replace(axis=straight)
-    return _framed(line, solid, found, Contacts(points, normals), platform)
+        line = _Line(axis, solid.mass.centroid, "given", 0.0, solid.place_error)
+    else:
+        line = _find_line(fit, solid, contacts, settings)
+    return _framed(line, solid, fit, contacts, platform, settings)
 
 
-def _about_contacts(points: Floats, platform: float, given: Floats | None) -> ObjectFrame:
-    """A frame about contacts that tell but where they are: upright, unless an axis is given."""
-    axis = np.array([0.0, 0.0, 1.0]) if given is None else _upwards(given)
-    kind: AxisKind = "none" if given is None else "given"
+def _find_line(
+    fit: FittedSuperquadric, solid: CorrectedSolid, contacts: Contacts, settings: FrameSettings
+) -> _Line:
+    """The slicing axis that contacts and solid suggest."""
+    revolution = revolution_axis(
+        contacts.points, contacts.normals, solid.mass.axes.T, settings.revolution
+    )
+    line = _line(solid, revolution, "at a bound" in fit.warnings, settings)
+    if line.kind in ("longest", "shortest"):
+        straight = extrusion_axis(contacts.normals, line.axis, settings.extrusion)
+        if straight is not None:
+            return line._replace(axis=straight)
+    return line
+
+
+def _about_contacts(points: Floats, platform: float, given_axis: Floats | None) -> ObjectFrame:
+    """A frame about contacts of which no more is known: upright, unless an axis is given."""
+    axis = np.array([0.0, 0.0, 1.0]) if given_axis is None else _upwards(given_axis)
+    kind: AxisKind = "none" if given_axis is None else "given"
     turn = np.eye(3) if _is_vertical(axis) else _turn_to(axis)
     middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
     local_contacts = (points - middle) @ turn
     low, high = float(local_contacts[:, 2].min()), float(local_contacts[:, 2].max())
-    away = float(np.hypot(*local_contacts[:, :2].T).max())
+    radius = float(np.hypot(*local_contacts[:, :2].T).max())
     size = float(np.ptp(points, axis=0).max())
     if not _is_vertical(axis):
-        return ObjectFrame(Pose(middle, turn), low, high, away, kind, 0.0, size, size)
+        return ObjectFrame(Pose(middle, turn), low, high, radius, kind, 0.0, size, size)
     # An upright frame has the world's heights.
     origin = np.array([middle[0], middle[1], 0.0])
     top = float(points[:, 2].max())
-    return ObjectFrame(Pose(origin, turn), platform, top, away, kind, 0.0, size, size)
+    return ObjectFrame(Pose(origin, turn), platform, top, radius, kind, 0.0, size, size)
 
 
 def _is_vertical(axis: Floats) -> bool:
-    return math.atan2(math.hypot(axis[0], axis[1]), axis[2]) <= EXACT
-
-
-def solid_on_platform(
-    found: FittedSuperquadric, points: Floats, platform: float, noise: float
-) -> CorrectedSolid:
-    """The solid through its contacts, one of which it has with the platform.
-
-    That one is below the middle of all that is about as low: a corner would draw it aside.
-    """
-    mesh = found.shape().mesh(LEVEL)
-    heights = mesh.vertices[:, 2]
-    lowest = float(heights.min())
-    foot = heights <= lowest + FITS * float(np.ptp(mesh.vertices, axis=0).max())
-    middle = np.average(mesh.vertices[foot, :2], axis=0, weights=_areas(*mesh)[0][foot])
-    points = np.vstack([points, [*middle, lowest]])
-    residuals = np.append(found.residuals, lowest - platform)
-    return correct_solid(mesh, points, residuals, found.rms, noise)
-
-
-def correct_solid(
-    mesh: Mesh, points: Floats, residuals: Floats, rms: float, noise: float
-) -> CorrectedSolid:
-    """Move a solid's surface on to its contacts.
-
-    `points` (n, 3): contacts, m. `residuals` (n,): how far outside it each lies, m. `rms`: what the
-    fit misses, m. `noise`: standard deviation of a contact, m.
-    """
-    vertices, faces = mesh
-    area, normals = _areas(vertices, faces)
-    reach = REACH * float(np.ptp(vertices, axis=0).max())
-    size = (UNSEEN * max(rms, noise)) ** 2
-    among = size * _kernel(points, points, reach) + noise**2 * np.eye(len(points))
-    towards = size * _kernel(vertices, points, reach)
-    gain = np.linalg.solve(among, towards.T).T
-    moved = vertices + normals * (gain @ residuals)[:, None]
-    left = np.maximum(size - np.einsum("vn,vn->v", gain, towards), 0.0)
-    mass = mass_properties(moved, faces)
-    if not mass.sound:  # the contacts contradict the solid: it is left as it is
-        moved, mass = vertices, mass_properties(vertices, faces)
-    effects = _effects(mass, moved, area)
-    at = (vertices - vertices.mean(axis=0)).astype(np.float32)  # It is an estimate, of many places
-    covariance = size * effects @ (_kernel(at, at, reach) @ effects.T.astype(np.float32))
-    covariance -= (effects @ gain) @ (effects @ towards).T
-    return CorrectedSolid(
-        moved,
-        faces,
-        mass,
-        np.sqrt(left),
-        covariance[:3, :3],
-        float(np.sqrt(max(np.trace(covariance[3:, 3:]), 0.0))),
-    )
-
-
-def _areas(vertices: Floats, faces: Ints) -> tuple[Floats, Floats]:
-    """Area of the surface about each vertex, (n,), and its normal, (n, 3)."""
-    a, b, c = vertices[faces].transpose(1, 0, 2)
-    third = np.cross(b - a, c - a) / 6.0
-    areas = np.zeros_like(vertices)
-    for corner in faces.T:
-        np.add.at(areas, corner, third)
-    area = np.linalg.norm(areas, axis=1)
-    return area, areas / np.maximum(area, np.finfo(float).tiny)[:, None]
-
-
-def _kernel(one: Floats, other: Floats, reach: float) -> Floats:
-    """Correlation (n, m) of displacements at two sets of places."""
-    found: Floats = one @ other.T
-    found -= 0.5 * (one**2).sum(axis=1)[:, None]
-    found -= 0.5 * (other**2).sum(axis=1)
-    np.minimum(found, 0.0, out=found)
-    found /= reach**2
-    return np.exp(found, out=found)
-
-
-def _effects(mass: MassProperties, vertices: Floats, area: Floats) -> Floats:
-    """What a displacement of each vertex does, (6, n): turns of the principal axes, shifts.
-
-    To first order: a layer of area A and thickness d at x adds A d x x^T to the second moment, and
-    an axis turns by the mixed part over the gap of the two variances.
-    """
-    at = (vertices - mass.centroid) @ mass.axes
-    spread = mass.spread
-    least = TIED * spread[2]
-    turns = [
-        area * at[:, i] * at[:, j] / (mass.volume * max(spread[j] - spread[i], least))
-        for i, j in ((1, 2), (0, 2), (0, 1))
-    ]
-    return np.vstack([*turns, area * at.T / mass.volume])
+    return math.atan2(math.hypot(axis[0], axis[1]), axis[2]) <= MAX_ROUNDING
 
 
 def _framed(
     line: _Line,
     solid: CorrectedSolid,
-    found: FittedSuperquadric,
+    fit: FittedSuperquadric,
     contacts: Contacts,
     platform: float,
+    settings: FrameSettings,
 ) -> ObjectFrame:
+    """The frame about a slicing axis."""
     axis = _upwards(line.axis)
     lean = math.atan2(math.hypot(axis[0], axis[1]), axis[2])
-    upright = lean <= _snap(line, len(contacts.points))
-    pose = Pose(line.point, np.eye(3) if upright else _turn_to(axis))
-    low, high, radius, error = extent_along(pose, solid, found, contacts, platform)
+    is_upright = lean <= _snap(line, len(contacts.points), settings.axis)
+    pose = Pose(line.point, np.eye(3) if is_upright else _turn_to(axis))
+    low, high, radius, error = extent_along(pose, solid, fit, contacts, platform, settings)
     # An upright frame has the world's heights.
-    shift = -float(line.point[2]) if upright else 0.5 * (low + high)
-    origin = line.point + shift * (np.array([0.0, 0.0, 1.0]) if upright else axis)
+    shift = -float(line.point[2]) if is_upright else 0.5 * (low + high)
+    origin = line.point + shift * (np.array([0.0, 0.0, 1.0]) if is_upright else axis)
     return ObjectFrame(
         Pose(origin, pose.axes),
         low - shift,
         high - shift,
         radius,
         line.kind,
-        line.error,
-        line.shift,
+        line.angle_error,
+        line.place_error,
         error,
     )
 
 
 def _upwards(axis: Floats) -> Floats:
-    """The axis or its opposite: that which points up, or else along x, or else along y."""
+    """The axis or its opposite: that which points up, or if level along x, or else along y."""
     for part in (axis[2], axis[0], axis[1]):
-        if abs(part) > TIE:
+        if abs(part) > MAX_ROUNDING:
             return axis * math.copysign(1.0, part)
     return axis
 
 
-def _snap(line: _Line, contacts: int) -> float:
-    """By how much an axis that so many contacts tell may lean and be the vertical, rad."""
+def _snap(line: _Line, n_contacts: int, settings: AxisSettings) -> float:
+    """Largest lean of an axis that is taken for the vertical [rad]."""
     if line.kind == "given":
-        return EXACT
+        return MAX_ROUNDING
     if line.kind == "revolution":
-        return min(max(2.0 * line.error, LEAST_SNAP), MOST_SNAP)
-    return PRINCIPAL_SNAP if contacts >= FEW_CONTACTS else FEW_SNAP
+        snap = settings.snap_deviations * line.angle_error
+        return min(max(snap, settings.min_snap), settings.max_snap)
+    if n_contacts >= settings.few_contacts:
+        return settings.principal_snap
+    return settings.few_contacts_snap
 
 
 def _turn_to(axis: Floats) -> Floats:
@@ -294,66 +255,84 @@ def _turn_to(axis: Floats) -> Floats:
 def extent_along(
     pose: Pose,
     solid: CorrectedSolid,
-    found: FittedSuperquadric,
+    fit: FittedSuperquadric,
     contacts: Contacts,
     platform: float,
+    settings: FrameSettings = FrameSettings(),
 ) -> tuple[float, float, float, float]:
-    """Lower and upper end along the z axis of a frame, largest distance from it, error of ends."""
+    """Lower and upper end along a frame's z axis, largest distance from it, error of ends [m]."""
     local_contacts = Contacts(pose.to_local(contacts.points), contacts.normals @ pose.axes)
     vertices = pose.to_local(solid.vertices)
-    allowed = FITS * float(np.ptp(vertices, axis=0).max())
-    over = solid.vertices[:, 2] >= platform - allowed
-    known = None
-    if found.rms < (BOUNDED if "at a bound" in found.warnings else 1.0) * allowed:
-        known = FittedSolid(vertices[over], solid.deviation[over], found.rms / allowed)
+    max_misfit = settings.max_misfit * float(np.ptp(vertices, axis=0).max())
+    over = solid.vertices[:, 2] >= platform - max_misfit
+    solid_shown = None
+    share = settings.extent.bound_share if "at a bound" in fit.warnings else 1.0
+    if fit.rms < share * max_misfit:
+        solid_shown = FittedSolid(vertices[over], solid.deviation[over], fit.rms / max_misfit)
     down = np.array([1.0, 1.0, -1.0])
-    foot = _foot(pose, local_contacts, platform)
-    high, above = _end(local_contacts, known, None)
+    foot = _foot(pose, local_contacts, platform, settings.extent)
+    high, high_error = _end(local_contacts, solid_shown, None, settings.extent)
     turned = Contacts(local_contacts.points * down, local_contacts.normals * down)
-    low, below = _end(turned, known and known._replace(vertices=known.vertices * down), foot)
-    wide = local_contacts.points
-    if known is not None:
-        wide = np.vstack([wide, known.vertices])
-    return -low, high, float(np.hypot(wide[:, 0], wide[:, 1]).max()), max(above, below)
+    solid_turned = solid_shown and solid_shown._replace(vertices=solid_shown.vertices * down)
+    low, low_error = _end(turned, solid_turned, foot, settings.extent)
+    outer = local_contacts.points
+    if solid_shown is not None:
+        outer = np.vstack([outer, solid_shown.vertices])
+    radius = float(np.hypot(outer[:, 0], outer[:, 1]).max())
+    return -low, high, radius, max(high_error, low_error)
 
 
-def _foot(pose: Pose, local_contacts: Contacts, platform: float) -> float | None:
-    """Where a level lower end that stands on the platform by its rim is, downwards, m."""
+def _foot(
+    pose: Pose, local_contacts: Contacts, platform: float, settings: ExtentSettings
+) -> float | None:
+    """Where a level lower end that stands on the platform by its rim is, downwards [m]."""
     cosine = float(pose.axes[2, 2])
-    if cosine < LEAST_COSINE:
+    if cosine < settings.min_axis_cosine:
         return None
     sine = math.sqrt(max(1.0 - cosine * cosine, 0.0))
     along = local_contacts.points[:, 2]
-    lowest = along <= along.min() + QUARTER * np.ptp(along)
+    lowest = along <= along.min() + settings.foot_height * np.ptp(along)
     rim = float(np.hypot(local_contacts.points[lowest, 0], local_contacts.points[lowest, 1]).max())
     return -(platform - float(pose.position[2]) + rim * sine) / cosine
 
 
 def _end(
-    local_contacts: Contacts, known: FittedSolid | None, foot: float | None
+    local_contacts: Contacts,
+    solid: FittedSolid | None,
+    foot: float | None,
+    settings: ExtentSettings,
 ) -> tuple[float, float]:
-    """Where the upper end is, and its standard deviation, m."""
+    """Where the upper end is, and its standard deviation [m].
+
+    `solid`: None if it does not fit. `foot`: where the platform cuts the end off, or None.
+    """
     along = local_contacts.points[:, 2]
     outermost = float(along.max())
-    near = along >= outermost - NEAR * (outermost - float(along.min()))
-    touched_end = _touched_end(local_contacts, near & (local_contacts.normals[:, 2] > FACING))
+    is_near = along >= outermost - settings.end_height * (outermost - float(along.min()))
+    facing = local_contacts.normals[:, 2]
+    touched_end = _touched_end(local_contacts, is_near & (facing > settings.min_cosine))
     if touched_end is not None:
         return touched_end
-    if known is not None:
-        vertex = int(known.vertices[:, 2].argmax())
-        end = max(outermost, float(known.vertices[vertex, 2]))
-        return end, float(known.deviation[vertex]) + known.poor * (end - outermost)
+    if solid is not None:
+        vertex = int(solid.vertices[:, 2].argmax())
+        end = max(outermost, float(solid.vertices[vertex, 2]))
+        return end, float(solid.deviation[vertex]) + solid.misfit * (end - outermost)
     radius = float(np.hypot(local_contacts.points[:, 0], local_contacts.points[:, 1]).max())
     level = outermost if foot is None else max(outermost, foot)
-    round_end = _touched_end(local_contacts, near & (local_contacts.normals[:, 2] > LEANING))
+    round_end = _touched_end(local_contacts, is_near & (facing > settings.min_round_cosine))
     if round_end is None:
-        return level, (0.5 if foot is None else 0.25) * radius
+        share = settings.free_error if foot is None else settings.platform_error
+        return level, share * radius
     # An edge and a round end give the same contacts: between the two.
-    return 0.5 * (level + round_end[0]), 0.5 * abs(round_end[0] - level) + 0.1 * radius
+    error = 0.5 * abs(round_end[0] - level) + settings.round_error * radius
+    return 0.5 * (level + round_end[0]), error
 
 
 def _touched_end(local_contacts: Contacts, at_end: Bools) -> tuple[float, float] | None:
-    """Where the top is of the paraboloid about the axis through a contact, across its normal."""
+    """Where the upper end is, and its standard deviation [m], from contacts of a mask (n,).
+
+    It is the top of the paraboloid about the axis through the contact that faces the axis most.
+    """
     if not at_end.any():
         return None
     points, normals = local_contacts.points[at_end], local_contacts.normals[at_end]
@@ -364,87 +343,44 @@ def _touched_end(local_contacts: Contacts, at_end: Bools) -> tuple[float, float]
     return top, 0.5 * abs(top - float(points[best, 2])) + float(np.ptp(points[:, 2])) / 4.0
 
 
-def _line(solid: CorrectedSolid, turned: RevolutionAxis, strain: float) -> _Line:
-    """The slicing axis and why; a principal axis is less certain by the factor `strain`."""
-    body = solid.mass
-    is_turned = turned.rms < ROUND and turned.share > MOST_NORMALS
-    if is_turned and turned.lift > LIFT and turned.error < SURE:
-        size = math.sqrt(float(body.spread.sum()))
-        return _Line(turned.axis, turned.point, "revolution", turned.error, turned.rms * size)
-    widths = np.sqrt(body.spread)
-    found: tuple[tuple[AxisKind, int, float], ...] = (
+def _line(
+    solid: CorrectedSolid, revolution: RevolutionAxis, is_at_bound: bool, settings: FrameSettings
+) -> _Line:
+    """The slicing axis and its kind; principal axes of a fit at a bound are less certain."""
+    body, limits = solid.mass, settings.axis
+    is_turned = (
+        revolution.rms < settings.revolution.max_miss
+        and revolution.share > limits.min_normals
+        and revolution.lift > limits.min_lift
+        and revolution.error < limits.max_error
+    )
+    if is_turned:
+        place_error = revolution.rms * math.sqrt(float(body.variances.sum()))
+        return _Line(revolution.axis, revolution.point, "revolution", revolution.error, place_error)
+    widths = np.sqrt(body.variances)
+    candidates: tuple[tuple[AxisKind, int, float], ...] = (
         ("longest", 2, widths[2] / widths[1]),
         ("shortest", 0, widths[1] / widths[0]),
     )
-    for kind, column, ratio in found:
-        others = [one for one in range(3) if one != column]
-        most = float(np.linalg.eigvalsh(solid.tilts[np.ix_(others, others)])[-1])
-        error = strain * math.sqrt(max(most, 0.0))
-        if ratio >= DISTINCT and error <= SURE:
-            return _Line(body.axes[:, column], body.centroid, kind, error, solid.shift)
-    return _Line(np.array([0.0, 0.0, 1.0]), body.centroid, "none", 0.0, solid.shift)
+    for kind, column, ratio in candidates:
+        across = [number for number in range(3) if number != column]
+        variance = float(np.linalg.eigvalsh(solid.tilts[np.ix_(across, across)])[-1])
+        error = (limits.bound_factor if is_at_bound else 1.0) * math.sqrt(max(variance, 0.0))
+        if ratio >= limits.min_ratio and error <= limits.max_error:
+            return _Line(body.axes[:, column], body.centroid, kind, error, solid.place_error)
+    return _Line(np.array([0.0, 0.0, 1.0]), body.centroid, "none", 0.0, solid.place_error)
 
 
 class Contacts(NamedTuple):
     """Contacts."""
 
-    points: Floats  # (n, 3), m
-    normals: Floats  # Outward unit normals, (n, 3)
+    points: Floats  # (n, 3) [m]
+    normals: Floats  # (n, 3) outward unit normals
 
 
 class FittedSolid(NamedTuple):
     """A solid that fits."""
 
-    vertices: Floats  # (n, 3), m
-    deviation: Floats  # Standard deviation of each, (n,), m
-    poor: float  # From 0 to 1: how much of what it may miss it misses
-
-
-class CorrectedSolid(NamedTuple):
-    """A solid with what its contacts added."""
-
-    vertices: Floats  # (n, 3), m
-    faces: Ints  # (m, 3)
-    mass: MassProperties  # What it bounds
-    deviation: Floats  # Standard deviation of each vertex along its normal, (n,), m
-    # Covariance of the body's principal axes: turns about the first, second and third of them, (3,
-    # 3), rad2.
-    tilts: Floats
-    shift: float  # Standard deviation of its centroid, m
-
-
-class MassProperties(NamedTuple):
-    """A solid of density 1."""
-
-    volume: float  # m3
-    centroid: Floats  # (3,), m
-    axes: Floats  # Principal axes as columns, the longest last; a rotation
-    spread: Floats  # Variances of the volume along them, ascending, (3,), m2
-
-    @property
-    def sound(self) -> bool:
-        """False for a surface that is turned inside out, or encloses nothing."""
-        return self.volume > 0.0 and float(self.spread[0]) > 0.0
-
-
-def mass_properties(vertices: Floats, faces: Ints) -> MassProperties:
-    """What a closed mesh bounds.
-
-    `vertices` (n, 3): m. `faces` (m, 3): counter-clockwise seen from outside. Sums over the
-    tetrahedra between faces and a point: the integral of x x^T over one is its volume / 20 times
-    the sum of x_i x_i^T over its corners and of their sum with itself.
-    """
-    start = vertices.mean(axis=0)
-    corners = (vertices - start)[faces]
-    a, b, c = corners.transpose(1, 0, 2)
-    volumes = np.einsum("mi,mi->m", a, np.cross(b, c)) / 6.0
-    volume = float(volumes.sum())
-    total = corners.sum(axis=1)
-    centroid = volumes @ total / (4.0 * volume)
-    second = np.einsum("m,mki,mkj->ij", volumes, corners, corners)
-    second += np.einsum("m,mi,mj->ij", volumes, total, total)
-    covariance = second / (20.0 * volume) - np.outer(centroid, centroid)
-    spread, axes = np.linalg.eigh(covariance)
-    if np.linalg.det(axes) < 0.0:
-        axes = axes * [-1.0, 1.0, 1.0]
-    return MassProperties(volume, centroid + start, axes, spread)
+    vertices: Floats  # (n, 3) [m]
+    deviation: Floats  # (n,) [m] standard deviation of each vertex
+    misfit: float  # of the largest misfit that it may have, from 0 to 1

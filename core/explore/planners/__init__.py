@@ -1,17 +1,15 @@
 """Which slice to trace next, and when to stop.
 
-Planners are frozen dataclasses with one pure function of an `Observation`, one a file of the same
-name (``uniform``, `Uniform`); add your own as ``module:Class``, its numbers with ranges. It rests
-on core arrays and ranges alone, and touches nothing: lengths are shares of the object's height.
+Planners are frozen dataclasses with one pure function of an `Observation`, each in a file of its
+name (``uniform``, `Uniform`); a user's own is named ``module:Class``, its numbers have ranges.
+Lengths are fractions of the object's height. It rests on core arrays and ranges alone.
 """
 
 from palpate.core.explore.planners.approaches import (
     TouchOffer as TouchOffer,
 )
 from palpate.core.explore.planners.coverage import (
-    Estimate as Estimate,
     Span as Span,
-    estimate_error as estimate_error,
     free_height as free_height,
     hermite as hermite,
     longest_first as longest_first,
@@ -19,6 +17,10 @@ from palpate.core.explore.planners.coverage import (
     stack_slices as stack_slices,
     untouched_spans as untouched_spans,
     untraceable_height as untraceable_height,
+)
+from palpate.core.explore.planners.error_bound import (
+    Estimate as Estimate,
+    estimate_error as estimate_error,
 )
 from palpate.core.explore.planners.fuzzy import (
     Fuzzy as Fuzzy,
@@ -37,8 +39,7 @@ from palpate.core.explore.planners.predicted import (
 )
 from palpate.core.explore.planners.protocol import (
     ALL_REACHED as ALL_REACHED,
-    END_SHARE as END_SHARE,
-    LEAST_FEATURE as LEAST_FEATURE,
+    MIN_FEATURE as MIN_FEATURE,
     PLANNER_NAMES as PLANNER_NAMES,
     Budget as Budget,
     Choice as Choice,
@@ -47,6 +48,7 @@ from palpate.core.explore.planners.protocol import (
     ObservedSlice as ObservedSlice,
     Planner as Planner,
     SliceOutcome as SliceOutcome,
+    SliceSettings as SliceSettings,
     Stop as Stop,
     Touch as Touch,
     Wait as Wait,
@@ -77,12 +79,11 @@ from palpate.core.explore.planners.touches import (
     next_touch as next_touch,
 )
 from palpate.core.explore.planners.trial import (
-    AROUND as AROUND,
-    EXTENT as EXTENT,
-    MOST_CONTOURS_PLANNED as MOST_CONTOURS_PLANNED,
+    TRIAL as TRIAL,
     TUNED as TUNED,
     PlannerTrial as PlannerTrial,
     Radius as Radius,
+    TrialSettings as TrialSettings,
     lost_slice as lost_slice,
     measure_side as measure_side,
     observation_of as observation_of,

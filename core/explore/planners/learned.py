@@ -1,8 +1,8 @@
-"""The learned planner: steps by a small neural network, as the thesis' section 6.1 wishes for.
+"""The learned planner: steps by a small neural network, as section 6.1 of the thesis asks for.
 
-Curvature, its change and the error that is asked for go in, the step comes out: the longest after
-which the side between two slices was good enough, on drawn objects. `palpate.bench.step_training`
-draws them, trains the network, and prints the numbers below. It searches as the thesis does.
+The network maps curvature, its change and the tolerance to the longest step after which the side
+between two slices was accurate enough, on drawn objects. `palpate.bench.step_training` draws the
+objects, trains the network, and prints the numbers below. The planner searches as the thesis does.
 """
 
 from __future__ import annotations
@@ -21,27 +21,28 @@ from palpate.core.plugins import Range, Ranged
 class StepNetwork(NamedTuple):
     """A network with one hidden layer of hyperbolic tangents."""
 
-    inward: Floats  # (3, m): from the three inputs
+    inward: Floats  # (3, m) from the three inputs
     offset: Floats  # (m,)
     outward: Floats  # (m,)
     bias: float
-    min_step: float = 0.02  # Fraction of the object's height
-    max_step: float = 0.4  # Fraction of the object's height
+    min_step: float = 0.02  # fraction of the object's height
+    max_step: float = 0.4  # fraction of the object's height
 
-    def steps(self, bends: Floats, changes: Floats, tolerances: Floats) -> Floats:
+    def steps(self, curvatures: Floats, changes: Floats, tolerances: Floats) -> Floats:
         """Steps (n,) over the height.
 
-        `bends` (n,) are mean curvatures along the height, without sign, times the height; `changes`
-        (n,) those from the slice before; `tolerances` (n,) errors asked for, over the height.
+        `curvatures` (n,): mean absolute curvatures along the height, times the height. `changes`
+        (n,): their differences from the slice before. `tolerances` (n,): over the height.
         """
-        hidden = np.tanh(network_inputs(bends, changes, tolerances) @ self.inward + self.offset)
+        inputs = network_inputs(curvatures, changes, tolerances)
+        hidden = np.tanh(inputs @ self.inward + self.offset)
         share = 1.0 / (1.0 + np.exp(-(hidden @ self.outward + self.bias)))
         return np.asarray(self.min_step * (self.max_step / self.min_step) ** share)
 
 
-def network_inputs(bends: Floats, changes: Floats, tolerances: Floats) -> Floats:
-    """What goes into the network, (n, 3): of the order of 1."""
-    return np.column_stack([np.log1p(bends), np.log1p(changes), np.log10(tolerances) + 3.0])
+def network_inputs(curvatures: Floats, changes: Floats, tolerances: Floats) -> Floats:
+    """Inputs of the network (n, 3), of the order of 1; arguments as of `StepNetwork.steps`."""
+    return np.column_stack([np.log1p(curvatures), np.log1p(changes), np.log10(tolerances) + 3.0])
 
 
 TRAINED = StepNetwork(
@@ -60,8 +61,8 @@ TRAINED = StepNetwork(
 class Learned(Ranged):
     """Steps by the network; `scale` makes all of them longer or shorter."""
 
-    scale: Annotated[float, Range(0.1, 2.0, "1")] = 1.0  # Of all steps
-    # A contour shorter than this share of the height ends the search.
+    scale: Annotated[float, Range(0.1, 2.0, "1")] = 1.0  # of all steps
+    # A contour shorter than this fraction of the height ends the search.
     perimeter: Annotated[float, Range(0.0, 1.0, "1")] = 0.1
 
     def next(self, observation: Observation) -> Choice:
@@ -71,16 +72,16 @@ class Learned(Ranged):
 
 
 class LearnedSteps(NamedTuple):
-    """The step rule for one error that is asked for."""
+    """The step rule for one tolerance."""
 
-    tolerance: float  # Over the height
+    tolerance: float  # over the height
     scale: float
 
-    def first(self, bend: float) -> float:
+    def first(self, curvature: float) -> float:
         """Step from half height, over the height: as if nothing had changed."""
-        return self.later(bend, 0.0, 0)
+        return self.later(curvature, 0.0, 0)
 
-    def later(self, bend: float, change: float, count: int) -> float:
+    def later(self, curvature: float, change: float, count: int) -> float:
         """Any other step, over the height."""
-        given = (np.array([one]) for one in (bend, change, self.tolerance))
-        return self.scale * float(TRAINED.steps(*given)[0])
+        inputs = (np.array([value]) for value in (curvature, change, self.tolerance))
+        return self.scale * float(TRAINED.steps(*inputs)[0])

@@ -1,8 +1,8 @@
-"""What a planner is told and what it answers; how one is made, and its answers checked.
+"""What a planner observes and what it answers; how it is made, and its answers checked.
 
-All lengths are in one unit of the caller's choice, m in palpate itself. Planners work in shares of
-the object's height, so that a plan in millimetres is the plan in metres. A planner may be a user's
-own: an answer that nobody could act on is refused.
+All lengths are in one unit of the caller's choice, m in palpate itself. Planners compute with
+fractions of the object's height, so that a plan in millimetres is the plan in metres. A planner may
+be a user's own: an answer that cannot be carried out is refused.
 """
 
 from __future__ import annotations
@@ -24,53 +24,61 @@ from palpate.reprs import readable
 if TYPE_CHECKING:
     from palpate.core.explore.planners.surface import ObservedSurface
 
-LEAST_AZIMUTHS = 4
-# Of the object's height: finer than any pad touches, and than what was touched could be counted.
-LEAST_FEATURE = 1e-4
-LEAST_SPACING = 0.03  # Of the height: slices that are nearer tell hardly more than one
-# The first and the last slice lie this share of the height inside the ends, or, where little error
-# is asked for, so many times the tolerance, but no less than the nearer share: what lies between a
-# slice and an edge is unknown, and a slice near a pole is small.
-END_SHARE, NEAR_END_SHARE, END_TOLERANCES = 0.03, 0.02, 20.0
-END_DEVIATIONS = 2.0  # And at least so many standard deviations of where the end is
-SAME = 1e-9  # Of the height: heights that differ by less are one
-ALL_REACHED = "every limit is kept"  # Why a planner stops that has reached what was asked
-PLANNER_NAMES = (
-    "predicted",
-    "touches",
-    "uniform",
-    "thesis",
-    "fuzzy",
-    "learned",
-)  # The default first
+MIN_AZIMUTHS = 4  # of a usable slice
+MIN_FEATURE = 1e-4  # [height] finer than any pad touches, and too many spans to count
+MAX_ROUNDING = 1e-9  # [height] heights that differ by less are one
+ALL_REACHED = "every limit is kept"  # reason of a planner that stops with success
+# The first is the default.
+PLANNER_NAMES = ("predicted", "touches", "uniform", "thesis", "fuzzy", "learned")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SliceSettings:
+    """How near slices may come to each other and to the object's ends.
+
+    What lies between a slice and an edge is unknown, and a slice near a pole is small. So the first
+    and the last slice lie a fraction of the height inside the ends; nearer to them where the
+    tolerance is small.
+    """
+
+    min_spacing: float = 0.03  # [height] nearer slices show hardly more than one
+    end_fraction: float = 0.03  # [height] of the first and the last slice from the ends, at most
+    min_end_fraction: float = 0.02  # [height] the same, at least
+    end_tolerances: float = 20.0  # [tolerances] the same, between these limits
+    end_deviations: float = 2.0  # [standard deviations of an end] the same, at least
+
+
+SLICES = SliceSettings()
 
 
 class SliceOutcome(StrEnum):
     """How a slice ended."""
 
-    CLOSED = "closed"  # All around
-    # With gaps that the pad cannot reach; what was touched is given, gaps are interpolated.
-    OCCLUDED = "occluded"
-    FAILED = "failed"  # Touched, but of no use
-    CUT = "cut"  # Left unfinished, as a limit was reached
-    LOST = "lost"  # Nothing was there to touch: the height lies beyond the object's end
+    CLOSED = "closed"  # all around
+    OCCLUDED = "occluded"  # with gaps that the pad cannot reach; they are interpolated
+    FAILED = "failed"  # touched, but of no use
+    CUT = "cut"  # left unfinished, as a limit was reached
+    LOST = "lost"  # nothing was touched: the height lies beyond the object's end
 
 
 @readable
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class ObservedSlice:
-    """One slice that was asked for; without radii if it gave no usable contour."""
+    """One slice that was requested; without radii if it gave no usable contour.
 
-    height: float  # m
-    outcome: SliceOutcome  # How it ended
-    radii: Floats  # Distances from the axis at k even azimuths, m; (k,), or (0,)
-    slopes: Floats  # Of the radius over the height, from the normals; (k,)
-    curvatures: Floats  # Of the side along z, positive where it bulges, 1/m; (k,)
-    contact_low: Floats  # Lowest height that its patches have touched, m; (k,)
-    contact_high: Floats  # Highest height that its patches have touched, m; (k,)
-    deviation: float = 0.0  # Standard deviation of the model at this height, m
-    touches: int = 0  # That it took
-    seconds: float = 0.0  # Robot time that it took, s
+    Its profile is given at k even azimuths; k is 0 without a contour.
+    """
+
+    height: float  # [m]
+    outcome: SliceOutcome
+    radii: Floats  # (k,) [m] distances from the axis
+    slopes: Floats  # (k,) of the radius over the height, from the normals
+    curvatures: Floats  # (k,) [1/m] of the side along z, positive where it bulges
+    contact_low: Floats  # (k,) [m] lowest height that was touched
+    contact_high: Floats  # (k,) [m] highest height that was touched
+    deviation: float = 0.0  # [m] standard deviation of the model at this height
+    touches: int = 0  # that it took
+    seconds: float = 0.0  # [s] robot time that it took
 
     def __post_init__(self) -> None:
         if not math.isfinite(self.height):
@@ -80,22 +88,22 @@ class ObservedSlice:
         count = len(finite_array("radii", self.radii, (None,)))
         for name in ("slopes", "curvatures", "contact_low", "contact_high"):
             finite_array(name, getattr(self, name), (count,))
-        if self.usable and (count < LEAST_AZIMUTHS or not self.radii.min() > 0.0):
+        if self.usable and (count < MIN_AZIMUTHS or not self.radii.min() > 0.0):
             raise ValueError(
-                f"radii must be at least {LEAST_AZIMUTHS} positive lengths where the outcome is "
+                f"radii must be at least {MIN_AZIMUTHS} positive lengths where the outcome is "
                 f"{self.outcome}, got {count}"
             )
 
     @property
     def usable(self) -> bool:
-        """Whether it tells where the surface is."""
+        """Whether it shows where the surface is."""
         return self.outcome in (SliceOutcome.CLOSED, SliceOutcome.OCCLUDED)
 
 
 def slice_without_contour(
     height: float, outcome: SliceOutcome, touches: int = 0, seconds: float = 0.0
 ) -> ObservedSlice:
-    """A slice that was asked for and of which nothing is known but how it ended."""
+    """A slice that was requested and of which only the outcome is known."""
     none = np.zeros(0)
     return ObservedSlice(
         height=height,
@@ -114,11 +122,11 @@ def slice_without_contour(
 class Budget:
     """What may be spent and what is spent."""
 
-    most_touches: float = math.inf  # Touches that may be made
-    most_seconds: float = math.inf  # Robot time that may pass, s
-    touches: int = 0  # Touches made
-    seconds: float = 0.0  # Robot time that has passed, s
-    cut: bool = False  # Whether not even one touch more fits into what is left
+    most_touches: float = math.inf  # that may be made
+    most_seconds: float = math.inf  # [s] robot time that may pass
+    touches: int = 0  # made
+    seconds: float = 0.0  # [s] robot time that has passed
+    cut: bool = False  # whether not even one more touch fits into what is left
 
     def __post_init__(self) -> None:
         for name, unit in (("most_touches", "touches"), ("most_seconds", "s")):
@@ -140,41 +148,38 @@ class Budget:
 class Observation:
     """All that the choice of the next slice may depend on."""
 
-    low: float  # Height of the object's lower end, m
-    high: float  # Height of its upper end, m
-    low_deviation: float = 0.0  # Standard deviation of the lower end, m
-    high_deviation: float = 0.0  # Standard deviation of the upper end, m
-    tolerance: float  # Root mean square error that is asked for, m
-    resolution: float  # Smallest difference that the sensor tells, m
-    feature: float  # Largest height that may stay untouched, m
+    low: float  # [m] height of the object's lower end
+    high: float  # [m] height of its upper end
+    low_deviation: float = 0.0  # [m] standard deviation of the lower end
+    high_deviation: float = 0.0  # [m] standard deviation of the upper end
+    tolerance: float  # [m] root mean square error that is asked for
+    resolution: float  # [m] smallest difference that the sensor resolves
+    feature: float  # [m] largest height that may stay untouched
     # Share of the surface that may be an untouched underside; None: that counts as flat.
     underside_share: float | None = None
-    budget: Budget = field(default_factory=Budget)  # What may be spent
-    slices: tuple[ObservedSlice, ...] = ()  # In the order in which they were asked for
-    busy_heights: tuple[float, ...] = ()  # Heights at which other fingers are at work, m
-    finger_spacing: float = 0.0  # Height that two fingers keep between them, m
-    # Whether the solid is rebuilt from all that was touched, and not from contours alone.
-    all_taxels: bool = False
-    # Standard deviation of the whole surface of that solid, ends included, m; None without one.
+    budget: Budget = field(default_factory=Budget)
+    slices: tuple[ObservedSlice, ...] = ()  # in the order in which they were requested
+    busy_heights: tuple[float, ...] = ()  # [m] at which other fingers are at work
+    finger_spacing: float = 0.0  # [m] height that two fingers keep between them
+    all_taxels: bool = False  # the solid is rebuilt from all taxels, not from contours alone
+    # [m] standard deviation of the whole surface of that solid, ends included; None without one.
     deviation: float | None = None
-    ends_deviation: float = 0.0  # Of it, the part that the ends make, m
-    pose_deviation: float = 0.0  # Standard deviation of a touch's place, m; 0 if none is seen
-    bounded: bool = True  # Whether the method of rebuilding states errors
-    # The solid as it is known, for single touches; None while there is none.
-    surface: ObservedSurface | None = None
-    # Whether that is a general solid, which predicts touches better than slices do.
-    general: bool = False
-    tried: Floats = field(default_factory=lambda: np.zeros((0, 3)))  # What was aimed at since, m
-    resting: Floats | None = None  # Where the finger is that asks, (3,), world frame, m
+    ends_deviation: float = 0.0  # [m] the part of it that the ends make
+    pose_deviation: float = 0.0  # [m] standard deviation of a touch's place; 0 if none is seen
+    bounded: bool = True  # the method of rebuilding states errors
+    surface: ObservedSurface | None = None  # the solid, for single touches; None without one
+    general: bool = False  # that is a general solid, which predicts touches better than slices do
+    tried: Floats = field(default_factory=lambda: np.zeros((0, 3)))  # [m] recent targets of touches
+    resting: Floats | None = None  # (3,) [m] place of the finger that asks, world frame
 
     def __post_init__(self) -> None:
         if not -math.inf < self.low < self.high < math.inf:
             raise ValueError(f"high must lie above low {self.low} m, got {self.high} m")
         for name in ("tolerance", "resolution", "feature"):
             positive(name, getattr(self, name), "m")
-        if self.feature < LEAST_FEATURE * self.extent:
+        if self.feature < MIN_FEATURE * self.extent:
             raise ValueError(
-                f"feature must be at least {LEAST_FEATURE:g} of the height {self.extent:g} m, "
+                f"feature must be at least {MIN_FEATURE:g} of the height {self.extent:g} m, "
                 f"got {self.feature} m"
             )
         finite_array("busy_heights", self.busy_heights, (None,))
@@ -188,7 +193,7 @@ class Observation:
             not_negative(name, getattr(self, name), "m")
         if self.deviation is not None:
             not_negative("deviation", self.deviation, "m")
-        counts = {len(one.radii) for one in self.usable_slices}
+        counts = {len(usable.radii) for usable in self.usable_slices}
         if len(counts) > 1:
             raise ValueError(f"all slices must have as many azimuths, got {sorted(counts)}")
 
@@ -203,54 +208,59 @@ class Observation:
 
     @property
     def usable_slices(self) -> tuple[ObservedSlice, ...]:
-        """Those that tell where the surface is, in the order in which they were asked for."""
-        return tuple(one for one in self.slices if one.usable)
+        """Those that show where the surface is, in the order in which they were requested."""
+        return tuple(observed for observed in self.slices if observed.usable)
 
     @property
     def extent(self) -> float:
-        """Height of the object, m."""
+        """Height of the object [m]."""
         return self.high - self.low
 
     @property
     def spacing(self) -> float:
-        """Least distance of two slices, m."""
-        return min(self.feature, LEAST_SPACING * self.extent)
+        """Smallest distance of two slices [m]."""
+        return min(self.feature, SLICES.min_spacing * self.extent)
+
+    @property
+    def end_uncertainty(self) -> float:
+        """Height that may be missing at the less certain end [m]."""
+        return SLICES.end_deviations * max(self.low_deviation, self.high_deviation)
 
 
 class Height(NamedTuple):
     """Trace this slice next."""
 
-    height: float  # m
-    reason: str  # Why there, in words
+    height: float  # [m]
+    reason: str  # in words
 
 
 class Touch(NamedTuple):
     """Make this single touch next."""
 
-    pose: Pose  # From which the pad moves along its z axis, world frame
-    reach: float  # Longest way, m
-    target: Floats  # Where the surface is expected, (3,), m
-    reason: str  # Why there, in words
+    pose: Pose  # from which the pad moves along its z axis, world frame
+    reach: float  # [m] longest distance that it moves
+    target: Floats  # (3,) [m] where the surface is expected
+    reason: str  # in words
 
 
 class Wait(NamedTuple):
     """Nothing to do until another finger has finished."""
 
-    reason: str  # Why, in words
+    reason: str  # in words
 
 
 class Stop(NamedTuple):
     """Trace no more."""
 
-    reason: str  # Why, in words
+    reason: str  # in words
 
 
 class Planner(Protocol):
     """A rule, with its numbers. It remembers nothing: the same `Observation`, the same answer.
 
-    One that has slices in which no model has a say may have a second method, `settled`, which
-    answers with such a `Height` or None: it is begun while a model is in the making. One that
-    chooses single touches says so by ``single_touches``, true: its solid has any shape.
+    A planner may have a second method, `settled`: it answers with a `Height` that depends on no
+    model, or None; that slice is begun while a model is being made. A planner that chooses single
+    touches has an attribute ``single_touches`` that is true: its solid has any shape.
     """
 
     def next(self, observation: Observation) -> Choice:
@@ -258,12 +268,17 @@ class Planner(Protocol):
         ...
 
 
-def first_and_last(observation: Observation) -> tuple[float, float]:
-    """Heights of the lowest and the highest slice, m."""
-    wanted = max(END_TOLERANCES * observation.tolerance, NEAR_END_SHARE * observation.extent)
-    inside = min(wanted, END_SHARE * observation.extent)
-    low = observation.low + max(inside, END_DEVIATIONS * observation.low_deviation)
-    high = observation.high - max(inside, END_DEVIATIONS * observation.high_deviation)
+def first_and_last(
+    observation: Observation, settings: SliceSettings = SLICES
+) -> tuple[float, float]:
+    """Heights of the lowest and the highest slice [m]."""
+    extent = observation.extent
+    wanted = max(
+        settings.end_tolerances * observation.tolerance, settings.min_end_fraction * extent
+    )
+    inside = min(wanted, settings.end_fraction * extent)
+    low = observation.low + max(inside, settings.end_deviations * observation.low_deviation)
+    high = observation.high - max(inside, settings.end_deviations * observation.high_deviation)
     middle = 0.5 * (observation.low + observation.high)
     return min(low, middle), max(high, middle)
 
@@ -271,54 +286,54 @@ def first_and_last(observation: Observation) -> tuple[float, float]:
 def exhausted_budget(observation: Observation) -> str | None:
     """Which budget is spent, in words; None if something is left of it.
 
-    What is left may be less than a whole slice takes: then the slice is traced as far as it lasts.
+    If less is left than a whole slice takes, a part of the slice is traced.
     """
     budget = observation.budget
     if not budget.spent:
         return None
     parts = [
-        f"{used:.4g} of {most:g} {what}"
-        for what, used, most in (
+        f"{used:.4g} of {limit:g} {what}"
+        for what, used, limit in (
             ("touches", budget.touches, budget.most_touches),
             ("s of robot time", budget.seconds, budget.most_seconds),
         )
-        if most < math.inf
+        if limit < math.inf
     ]
     return f"the budget is spent: {' and '.join(parts)}"
 
 
 def was_asked(observation: Observation, height: float) -> bool:
-    """Whether a slice was asked for at this height, whatever came of it."""
-    heights = (*(one.height for one in observation.slices), *observation.busy_heights)
-    return any(abs(height - one) <= SAME * observation.extent for one in heights)
+    """Whether a slice was requested at a height [m], whatever its outcome."""
+    heights = (*(made.height for made in observation.slices), *observation.busy_heights)
+    return any(abs(height - other) <= MAX_ROUNDING * observation.extent for other in heights)
 
 
 def is_near_finger(observation: Observation, height: float) -> bool:
-    """Whether another finger is too near to this height."""
+    """Whether another finger is too near to a height [m]."""
     return any(abs(height - busy) < observation.finger_spacing for busy in observation.busy_heights)
 
 
 class WrongChoiceError(ValueError):
-    """A planner's answer that nobody can act on."""
+    """A planner's answer that cannot be carried out."""
 
 
 def check_choice(planner: Planner, observation: Observation) -> Choice:
-    """What a planner answers.
+    """A planner's answer, checked.
 
     Raises WrongChoiceError if it is no answer; or a height that does not lie between the ends, was
-    asked for before, or is too near to another finger; or a touch that begins inside the object or
-    out of reach; or it waits though no finger is at work.
+    requested before, or is too near to another finger; or a touch that begins inside the object or
+    out of reach; or a wait though no finger is at work.
     """
     choice = planner.next(observation)
     wrong = _wrong(observation, choice)
     if wrong:
         name = type(planner).__name__
-        raise WrongChoiceError(f"the planner {name} gave no answer to act on: {wrong}")
+        raise WrongChoiceError(f"the planner {name} gave an invalid answer: {wrong}")
     return choice
 
 
 def settled_height(planner: Planner, observation: Observation) -> Height | None:
-    """A slice in which no model has a say, if the planner has one and budget is left; or None."""
+    """A slice that depends on no model, if the planner has one and budget is left; or None."""
     if exhausted_budget(observation) is not None:
         return None
     settled: Callable[[Observation], object] = getattr(planner, "settled", lambda _: None)
@@ -329,7 +344,7 @@ def settled_height(planner: Planner, observation: Observation) -> Height | None:
 
 
 def _wrong(observation: Observation, choice: object) -> str:
-    """What is wrong with an answer; nothing if nothing is."""
+    """What is wrong with an answer; empty if it is valid."""
     match choice:
         case Height():
             return _wrong_height(observation, choice.height)
@@ -343,19 +358,20 @@ def _wrong(observation: Observation, choice: object) -> str:
 
 
 def _wrong_touch(observation: Observation, choice: Touch) -> str:
+    """What is wrong with a touch; empty if it is valid."""
     surface = observation.surface
     if not _is_pose(choice.pose) or not 0.0 < choice.reach < math.inf:
         return f"a touch must have a finite Pose and a reach, got {choice!r:.60}"
     place = choice.pose.position
     if surface is None:
-        return "a touch asks for a solid that is known, and there is none"
+        return "a touch needs a known solid, and there is none"
     if float(np.hypot(*place[:2])) > surface.reach:
-        return f"a touch must begin within {surface.reach:g} m of the axis, got {_told(place)}"
+        return f"a touch must begin within {surface.reach:g} m of the axis, got {_text_of(place)}"
     if surface.platform is not None and place[2] < surface.platform - surface.reach:
         low = f"{surface.reach:g} m below the platform"
         return f"a touch must begin no lower than {low}, got {place[2]:g} m"
     if surface.is_inside(place):
-        return f"a touch must begin outside the object, got {_told(place)}"
+        return f"a touch must begin outside the object, got {_text_of(place)}"
     return ""
 
 
@@ -363,57 +379,59 @@ def _is_pose(pose: object) -> bool:
     return isinstance(pose, Pose) and all(np.isfinite(part).all() for part in pose)
 
 
-def _told(place: Floats) -> str:
-    return "(" + ", ".join(f"{one:.3g}" for one in place) + ") m"
+def _text_of(place: Floats) -> str:
+    return "(" + ", ".join(f"{part:.3g}" for part in place) + ") m"
 
 
 def _wrong_height(observation: Observation, height: float) -> str:
-    if not observation.low < height < observation.high:  # nor is it if it is no number
+    """What is wrong with a height; empty if it is valid."""
+    if not observation.low < height < observation.high:  # which nan is not, either
         ends = f"{observation.low:g} and {observation.high:g} m"
         return f"a height must lie between {ends}, got {height:g} m"
     if was_asked(observation, height):
-        return f"a slice was asked for at {height:g} m before; it must go elsewhere, or stop"
+        return f"a slice at {height:g} m was requested before; it must go elsewhere, or stop"
     limit = observation.finger_spacing
-    near = [one for one in observation.busy_heights if abs(height - one) < limit * (1.0 - SAME)]
-    if near:
-        return f"{height:g} m is nearer than {limit:g} m to a finger at {near[0]:g} m"
+    for busy in observation.busy_heights:
+        if abs(height - busy) < limit * (1.0 - MAX_ROUNDING):
+            return f"{height:g} m is nearer than {limit:g} m to a finger at {busy:g} m"
     return ""
 
 
 def planner_type(name: str) -> type[Planner]:
-    """The description of a planner: by its name, or a user's own as ``module:Class``.
+    """The class of a planner: by its name, or a user's own as ``module:Class``.
 
     Raises LookupError if there is none; ValueError if the module cannot be imported, or holds none.
     """
-    found = class_by_name(name, what="planner", names=PLANNER_NAMES, package=str(__package__))
+    planner = class_by_name(name, what="planner", names=PLANNER_NAMES, package=str(__package__))
     wanted = name.rpartition(":")[2]
-    frozen = is_dataclass(found) and getattr(found, "__dataclass_params__").frozen  # noqa: B009
-    if not isinstance(found, type) or not frozen or not callable(getattr(found, "next", None)):
+    is_frozen = is_dataclass(planner) and getattr(planner, "__dataclass_params__").frozen  # noqa: B009
+    has_next = callable(getattr(planner, "next", None))
+    if not isinstance(planner, type) or not is_frozen or not has_next:
         raise ValueError(
             f"{name!r} is no planner: {wanted!r} must be a frozen dataclass with next(observation)"
         )
-    return cast("type[Planner]", found)
+    return cast("type[Planner]", planner)
 
 
 def make_planner(name: str, settings: Mapping[str, Any]) -> Planner:
-    """A planner with its numbers.
+    """A planner with its settings.
 
     Raises errors as `planner_type`, and ValueError if a number is unknown or out of its range.
     """
-    described = planner_type(name)
-    fields = set(getattr(described, "__dataclass_fields__"))  # noqa: B009
+    planner = planner_type(name)
+    fields = set(getattr(planner, "__dataclass_fields__"))  # noqa: B009
     unknown = sorted(set(settings) - fields)
     if unknown:
         raise ValueError(
             f"the planner {name!r} has no {', '.join(unknown)}; it has {', '.join(sorted(fields))}"
         )
     try:
-        return described(**settings)
-    except TypeError as error:  # one that must be given is missing, say
+        return planner(**settings)
+    except TypeError as error:  # a required one is missing, say
         raise ValueError(f"the planner {name!r} cannot be made: {error}") from None
     except ValueError:
         raise
-    except Exception as error:  # a class of one's own may break in any way
+    except Exception as error:  # a user's class may fail in any way
         raise ValueError(f"the planner {name!r} cannot be made: {told_error(error)}") from error
 
 

@@ -17,7 +17,13 @@ import numpy as np
 import scipy
 
 from palpate.core.arrays import Bools, Floats, Ints, finite_array
-from palpate.core.explore.planners.approaches import BODY, FAR, NEAR, SAME, TouchOffer, touch_offers
+from palpate.core.explore.planners.approaches import (
+    APPROACHES,
+    MAX_RANGE,
+    MAX_ROUNDING,
+    TouchOffer,
+    touch_offers,
+)
 from palpate.core.explore.planners.hollows import (
     HOLLOWS,
     least_concavity,
@@ -118,7 +124,7 @@ class ObservedSurface:
         the error that it may hide until `n_opening_aims` touches were aimed at it, including the
         one that found it: most turn out to be places where the solid is a little too large.
         """
-        places, near = self.places, 0.5 * NEAR * pad_width(self.pad)
+        places, near = self.places, 0.5 * APPROACHES.known_radius * pad_width(self.pad)
         squares = np.square(places.errors if places.errors.any() else places.distances)
         opened = np.square(HIDDEN.opening_slope * places.distances)
         squares = np.where(places.spanned, np.maximum(opened, np.square(places.bounds)), squares)
@@ -321,13 +327,15 @@ class ObservedSurface:
 
     def is_inside(self, place: Floats) -> bool:
         """Whether a place (3,) lies within the solid."""
-        return bool(np.isneginf(self.shape.cast(place[None], np.array([0.0, 0.0, 1.0]), FAR))[0])
+        return bool(
+            np.isneginf(self.shape.cast(place[None], np.array([0.0, 0.0, 1.0]), MAX_RANGE))[0]
+        )
 
     def left(self, tried: Floats) -> Floats:
         """The same, 0 where touches were aimed at since, (k, 3)."""
         squares = self.squares.copy()
         for offer in self.offers if len(tried) else ():
-            if np.abs(tried - offer.target).max(axis=1).min() <= SAME:
+            if np.abs(tried - offer.target).max(axis=1).min() <= MAX_ROUNDING:
                 squares[offer.places] = 0.0
         return squares
 
@@ -395,11 +403,11 @@ def _places(surface: ObservedSurface) -> SurfacePlaces:
         flat = standing = _stands(heights)
     if surface.platform is not None and surface.pose is None:
         under = standing | _hangs_over(points, standing, 0.5 * pad_width(surface.pad)) & (
-            (heights < BODY) & (normals[:, 2] < PLACES.max_downward)
+            (heights < APPROACHES.finger_length) & (normals[:, 2] < PLACES.max_downward)
         )
     elif surface.platform is not None and surface.pose is not None:
         at_first = surface.pose.to_local(points)[:, 2] - surface.platform
-        flat = _stands(at_first) & (distances > NEAR * pad_width(surface.pad))
+        flat = _stands(at_first) & (distances > APPROACHES.known_radius * pad_width(surface.pad))
     spanned = np.zeros(PLACES.n_places, np.bool_)
     if len(surface.openings):
         near = point_tree(surface.openings).query(points)[0] < PLACES.opening_depth

@@ -1,8 +1,8 @@
 """The thesis' planner: steps by curvature and its change, (3.1), (3.2), (3.28), (3.34), (3.35).
 
-From half height to one end, then to the other (3.2.2). A step is a share of the height: s = (most -
-least) shape + least. The shape is a product of two templates, one of the curvature and one of its
-change, (3.28), or one template of a sum of both: section 6.1 asks for forms that cannot be
+From half height to one end, then to the other (3.2.2). A step is a fraction of the height: s =
+(most - least) shape + least. The shape is a product of two templates, one of the curvature and one
+of its change, (3.28), or one template of a sum of both: section 6.1 asks for forms that cannot be
 separated. Lengths are over the object's height, curvatures times it: as printed, in 1/length, the
 same rule gave 15, 5 and 3 contours for one vase in three units. Templates fall from 1 at 0, never
 below 0; as printed some leave that range: a / ln(b x + c) is infinite where b x + c is 1, and 1 /
@@ -25,34 +25,39 @@ from palpate.core.arrays import Floats
 from palpate.core.explore.planners import protocol
 from palpate.core.plugins import Range, check_ranges
 
-MOST_BENT = 40.0  # The piecewise linear form reaches so far, in rate times curvature times height
-MOST_FAILURES = 3  # In a row; then the search in this direction ends
-SHORTER = (1.0, 0.75, 0.6, 0.4)  # A step to where a slice has failed is taken so much shorter
 Template = Literal["exponential", "inverse_power", "logarithmic"]
-StepTemplate = Callable[[Floats, float], Floats]  # Of x >= 0, and a number that the last two take
-LEAST_CURVATURE = 1e-12
+StepTemplate = Callable[[Floats, float], Floats]  # of x >= 0, and a number that the last two take
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StepSearchSettings:
+    """How a search continues where slices have failed."""
+
+    max_failures: int = 3  # in a row, in one direction
+    # Fractions of a step that are tried, where a slice was requested before at its full length.
+    shortened: tuple[float, ...] = (1.0, 0.75, 0.6, 0.4)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Thesis:
     """The step rule. The text gives no constants: these are ours."""
 
-    template: Template = "exponential"  # How a step falls with curvature
-    form: Literal["product", "joint"] = "product"  # Two templates multiplied, or one of the sum
-    bend_rate: Annotated[float, Range(0.0, 1e3, "1")] = 0.15  # Times mean curvature times height
-    change_rate: Annotated[float, Range(0.0, 1e3, "1")] = 0.3  # Times the change of that
+    template: Template = "exponential"  # how a step falls with curvature
+    form: Literal["product", "joint"] = "product"  # two templates multiplied, or one of the sum
+    bend_rate: Annotated[float, Range(0.0, 1e3, "1")] = 0.15  # times mean curvature times height
+    change_rate: Annotated[float, Range(0.0, 1e3, "1")] = 0.3  # times the change of that
     # Of the inverse power; one less than the constant of the logarithm.
     power: Annotated[float, Range(0.1, 10.0, "1")] = 1.0
     # Smallest step, over the height; approached, never reached.
     least: Annotated[float, Range(1e-3, 0.5, "1")] = 0.02
-    most: Annotated[float, Range(1e-3, 0.5, "1")] = 0.2  # Largest step, over the height
+    most: Annotated[float, Range(1e-3, 0.5, "1")] = 0.2  # largest step, over the height
     # eta of (3.1): the larger, the shorter the first step.
     caution: Annotated[float, Range(0.0, 100.0, "1")] = 1.0
-    # A step upwards below this share of the height ends the search; 0: the object's end does.
+    # A step upwards below this fraction of the height ends the search; 0: the object's end does.
     threshold: Annotated[float, Range(0.0, 0.5, "1")] = 0.0
-    # A contour shorter than this share of the height ends the search.
+    # A contour shorter than this fraction of the height ends the search.
     perimeter: Annotated[float, Range(0.0, 1.0, "1")] = 0.1
-    # By which steps shrink from slice to slice: the fifth heuristic, which no formula has.
+    # Factor of the steps from slice to slice: the fifth heuristic, which no formula has.
     fading: Annotated[float, Range(0.1, 1.0, "1")] = 1.0
     # Of the piecewise linear form; 0: the templates themselves.
     segments: Annotated[int, Range(0, 100, "1")] = 0
@@ -70,14 +75,14 @@ class Thesis:
         """The next slice of the search, or that it has ended."""
         return step_search(observation, self, self.perimeter, self.threshold)
 
-    def first(self, bend: float) -> float:
-        """Step from half height, (3.1), over the height; no smaller than the others may be."""
-        step = self._falling(self.bend_rate * bend) / (2.0 * (1.0 + self.caution))
+    def first(self, curvature: float) -> float:
+        """Step from half height, (3.1), over the height; at least `least`."""
+        step = self._falling(self.bend_rate * curvature) / (2.0 * (1.0 + self.caution))
         return max(step, self.least)
 
-    def later(self, bend: float, change: float, count: int) -> float:
+    def later(self, curvature: float, change: float, count: int) -> float:
         """Any other step, (3.2), over the height."""
-        bent, changed = self.bend_rate * bend, self.change_rate * change
+        bent, changed = self.bend_rate * curvature, self.change_rate * change
         if self.form == "joint":
             shape = self._falling(bent + changed)
         else:
@@ -85,46 +90,57 @@ class Thesis:
         return self.least + (self.most - self.least) * shape * self.fading**count
 
     def _falling(self, x: float) -> float:
+        """The template, from 1 at 0."""
         if self.segments:
             return _polyline(self.template, self.power, self.segments).at(x)
         return TEMPLATES[self.template](np.array([x]), self.power).item()
 
 
 @cache
-def _polyline(template: Template, power: float, segments: int) -> Polyline:
-    return polyline_of(lambda x: TEMPLATES[template](x, power), MOST_BENT, segments)
+def _polyline(
+    template: Template, power: float, segments: int, max_argument: float = 40.0
+) -> Polyline:
+    """The piecewise linear form of a template, up to a rate times curvature times height."""
+    return polyline_of(lambda x: TEMPLATES[template](x, power), max_argument, segments)
 
 
-def polyline_of(function: Callable[[Floats], Floats], most: float, segments: int) -> Polyline:
-    """A falling function from 0 to `most` as a polyline, its knots in closed form."""
-    places = np.linspace(0.0, most, 40 * segments + 1)
+def polyline_of(
+    function: Callable[[Floats], Floats], max_argument: float, segments: int
+) -> Polyline:
+    """A falling function from 0 to `max_argument` as a polyline, its knots in closed form."""
+    places = np.linspace(0.0, max_argument, 40 * segments + 1)
     values = function(places)
     return fit_decreasing(places, values, equal_curvature_knots(places, values, segments))
 
 
 class StepRule(Protocol):
-    """How far to go; shares of the height."""
+    """How long steps are, as fractions of the height."""
 
-    def first(self, bend: float) -> float:
-        """From half height; `bend` is the mean curvature there, times the height."""
+    def first(self, curvature: float) -> float:
+        """From half height; `curvature` is the mean absolute one there, times the height."""
         ...
 
-    def later(self, bend: float, change: float, count: int) -> float:
+    def later(self, curvature: float, change: float, count: int) -> float:
         """From the `count`-th slice beyond half height; `change` against the one before it."""
         ...
 
 
 def step_search(
-    observation: protocol.Observation, steps: StepRule, perimeter: float, threshold: float = 0.0
+    observation: protocol.Observation,
+    steps: StepRule,
+    perimeter: float,
+    threshold: float = 0.0,
+    settings: StepSearchSettings = StepSearchSettings(),
 ) -> protocol.Choice:
     """The next slice of a search in one direction and then in the other.
 
-    Short of the object's end one is over at a contour shorter than the share `perimeter` of the
-    height, for a pole is near; or at a step upwards below the share `threshold`.
+    Before the object's end the search in a direction ends at a contour shorter than the fraction
+    `perimeter` of the height, for a pole is near; or at a step upwards below the fraction
+    `threshold`.
     """
-    over = protocol.exhausted_budget(observation)
-    if over is not None:
-        return protocol.Stop(over)
+    spent = protocol.exhausted_budget(observation)
+    if spent is not None:
+        return protocol.Stop(spent)
     if not observation.slices:
         if observation.busy_heights:
             return protocol.Wait("the first slice is under way")
@@ -136,7 +152,7 @@ def step_search(
     for direction in (up, -up):
         if any((height - start.height) * direction > 0.0 for height in observation.busy_heights):
             continue
-        height = _onwards(observation, steps, perimeter, threshold, direction)
+        height = _next_height(observation, steps, perimeter, threshold, direction, settings)
         if height is not None and not protocol.is_near_finger(observation, height):
             return protocol.Height(height, "upwards" if direction > 0.0 else "downwards")
         if height is not None:
@@ -146,74 +162,75 @@ def step_search(
     return protocol.Stop("the search has ended in both directions")
 
 
-def mean_normal_rise(one: protocol.ObservedSlice) -> float:
+def mean_normal_rise(contour: protocol.ObservedSlice) -> float:
     """Mean upward component of the outward unit normals (the thesis' phi)."""
-    radii, turn = one.radii, 2.0 * math.pi / len(one.radii)
+    radii, turn = contour.radii, 2.0 * math.pi / len(contour.radii)
     around = (np.roll(radii, -1) - np.roll(radii, 1)) / (2.0 * turn) / radii
-    return float(np.mean(-one.slopes / np.sqrt(1.0 + one.slopes**2 + around**2)))
+    return float(np.mean(-contour.slopes / np.sqrt(1.0 + contour.slopes**2 + around**2)))
 
 
-def _onwards(
+def _next_height(
     observation: protocol.Observation,
     steps: StepRule,
     perimeter: float,
     threshold: float,
     direction: float,
+    settings: StepSearchSettings,
 ) -> float | None:
-    """The next height in this direction, m; None where the search in it is over."""
-    start = observation.slices[0]
-    way = [one for one in observation.slices[1:] if (one.height - start.height) * direction > 0.0]
-    if any(one.outcome is protocol.SliceOutcome.LOST for one in way):
+    """The next height in a direction [m]; None where the search in it has ended."""
+    start, extent = observation.slices[0], observation.extent
+    beyond = [
+        made for made in observation.slices[1:] if (made.height - start.height) * direction > 0.0
+    ]
+    if any(made.outcome is protocol.SliceOutcome.LOST for made in beyond):
         return None
-    usable = [start, *(one for one in way if one.usable)]
+    usable = [start, *(made for made in beyond if made.usable)]
     last = usable[-1]
-    failures = next((i for i, one in enumerate(reversed(way)) if one.usable), len(way))
-    # An end that nobody touched is where the grasp says: beyond it slices fail, and steps shrink.
-    sure = replace(observation, low_deviation=0.0, high_deviation=0.0)
-    bottom, top = protocol.first_and_last(sure)
-    # The ends may have been moved since; where a slice lies beyond them, the way begins at them.
+    failures = next((i for i, made in enumerate(reversed(beyond)) if made.usable), len(beyond))
+    # An untouched end is where the grasp has it: beyond it slices fail, and steps shrink.
+    exact = replace(observation, low_deviation=0.0, high_deviation=0.0)
+    bottom, top = protocol.first_and_last(exact)
+    # The ends may have been moved since; the search from a slice beyond them begins at them.
     here, end = min(max(last.height, bottom), top), top if direction > 0.0 else bottom
-    if failures >= MOST_FAILURES or (end - here) * direction <= protocol.SAME * observation.extent:
+    is_at_end = (end - here) * direction <= protocol.MAX_ROUNDING * extent
+    if failures >= settings.max_failures or is_at_end:
         return None
-    if 2.0 * math.pi * float(last.radii.mean()) < perimeter * observation.extent:
+    if 2.0 * math.pi * float(last.radii.mean()) < perimeter * extent:
         return None
-    bend = mean_profile_curvature(last, observation.extent)
+    curvature = mean_profile_curvature(last, extent)
     if len(usable) == 1:
-        step = steps.first(bend)
+        step = steps.first(curvature)
     else:
-        change = abs(bend - mean_profile_curvature(usable[-2], observation.extent))
-        step = steps.later(bend, change, len(usable) - 1)
+        change = abs(curvature - mean_profile_curvature(usable[-2], extent))
+        step = steps.later(curvature, change, len(usable) - 1)
         if direction > 0.0 and step < threshold:
             return None
-    step = min(step * observation.extent * 0.5**failures, (end - here) * direction)
-    for shorter in SHORTER:
-        height = here + direction * step * shorter
-        if not protocol.was_asked(observation, height):
-            return height
-    return None
+    step = min(step * extent * 0.5**failures, (end - here) * direction)
+    heights = (here + direction * step * share for share in settings.shortened)
+    return next((height for height in heights if not protocol.was_asked(observation, height)), None)
 
 
-def mean_profile_curvature(one: protocol.ObservedSlice, extent: float) -> float:
-    """Mean curvature along the height, without its sign, times the object's height.
+def mean_profile_curvature(contour: protocol.ObservedSlice, extent: float) -> float:
+    """Mean absolute curvature along the height, times the object's height [1].
 
     A hollow calls for steps as small as a bulge; with its sign they would exceed the largest.
     """
-    return float(np.abs(one.curvatures).mean()) * extent
+    return float(np.abs(contour.curvatures).mean()) * extent
 
 
 class Polyline(NamedTuple):
     """A piecewise linear function; beyond its knots it stays at its last values."""
 
-    knots: Floats  # (n + 1,), increasing
+    knots: Floats  # (n + 1,) increasing
     values: Floats  # (n + 1,)
 
     def at(self, place: float) -> float:
-        """Value."""
+        """Value at a place."""
         return float(np.interp(place, self.knots, self.values))
 
 
 def fit_decreasing(places: Floats, values: Floats, knots: Floats) -> Polyline:
-    """The best polyline, in the least squares, that never rises and never is below 0."""
+    """The least squares polyline that never rises and is never below 0."""
     from scipy.optimize import nnls
 
     falls = np.triu(np.ones((len(knots), len(knots))))
@@ -226,10 +243,15 @@ def hat_basis(places: Floats, knots: Floats) -> Floats:
     return np.stack([np.interp(places, knots, hat) for hat in np.eye(len(knots))], axis=1)
 
 
-def equal_curvature_knots(places: Floats, values: Floats, segments: int) -> Floats:
-    """Knots between which the root of the second derivative has the same sum: closed form."""
+def equal_curvature_knots(
+    places: Floats, values: Floats, segments: int, min_density: float = 1e-12
+) -> Floats:
+    """Knots between which the root of the second derivative has the same integral: closed form.
+
+    `min_density`: added to that root, where a function is straight.
+    """
     second = np.gradient(np.gradient(values, places), places)
-    density = np.sqrt(np.abs(second)) + LEAST_CURVATURE
+    density = np.sqrt(np.abs(second)) + min_density
     steps = 0.5 * (density[1:] + density[:-1]) * np.diff(places)
     mass = np.concatenate([[0.0], np.cumsum(steps)])
     return np.interp(np.linspace(0.0, mass[-1], segments + 1), mass, places)

@@ -1,13 +1,15 @@
-"""A planner at work on an object that answers exactly, no touch is simulated; and such objects.
+"""A planner at work on an object that answers exactly, without simulated touches; such objects.
 
 The answer to a height is the object's own contour with normals and curvature, and the band that a
-pad touches around it. The side is rebuilt by one method for all planners. Radii are over heights
-and azimuths, as shares of the object's height. `TUNED` had a say in the numbers of `predicted`.
+pad touches around it. The side is rebuilt by one method for all planners. Radii are functions of
+heights and azimuths, as fractions of the object's height. The numbers of `predicted` were tuned
+with `TUNED`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -16,51 +18,78 @@ from palpate.core.arrays import Floats
 from palpate.core.explore.planners import protocol
 from palpate.core.explore.planners.coverage import hermite, stack_slices
 
-EXTENT = 0.09  # Height of every object, m
-HALF_BAND = 7.0e-3  # The pad touches as far above and below a slice, m, along the surface
-RESOLUTION, FEATURE = 1e-5, 2.5e-3  # Of the sensor; and what may stay untouched, m
-PROFILE_AZIMUTHS, TOUCH = 48, 3  # Azimuths, and how many of them one touch touches
-NOISY_SLOPE = 5e-3  # Standard deviation of a slope where there is noise: 0.3 degrees
-NOISY_BEND = 1.0  # Standard deviation of a curvature, 1/m
-ROWS = 401  # Heights at which a side is compared with the truth
-MOST_CONTOURS_PLANNED = 21  # A plan that does not get there counts as so many contours
-AROUND = 2.0 * np.pi * np.arange(PROFILE_AZIMUTHS) / PROFILE_AZIMUTHS
-HEIGHTS = np.linspace(protocol.END_SHARE, 1.0 - protocol.END_SHARE, ROWS)
-SHARE_STEP = 2e-4  # Of the height: over which derivatives are taken
-Radius = Callable[[Floats, Floats], Floats]  # Of heights z from 0 to 1 and azimuths t
+Radius = Callable[[Floats, Floats], Floats]  # of heights z from 0 to 1 and azimuths t
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TrialSettings:
+    """The objects of trials, the pad and its noise, and how the result is measured."""
+
+    extent: float = 0.09  # [m] height of every object
+    half_band: float = 7.0e-3  # [m] that the pad touches above and below, along the surface
+    resolution: float = 1e-5  # [m] of the sensor
+    feature: float = 2.5e-3  # [m] that may stay untouched
+    n_azimuths: int = 48  # of a profile
+    n_azimuths_per_touch: int = 3
+    slope_noise: float = 5e-3  # standard deviation where there is noise: 0.3 degrees
+    curvature_noise: float = 1.0  # [1/m] standard deviation where there is noise
+    n_heights: int = 401  # at which a side is compared with the truth
+    max_slices: int = 21  # counted for a plan that does not reach the tolerance
+    min_radius: float = 1e-3  # fraction of the height
+
+    @property
+    def azimuths(self) -> Floats:
+        """Azimuths (n_azimuths,) of a profile [rad]."""
+        return 2.0 * np.pi * np.arange(self.n_azimuths) / self.n_azimuths
+
+    @property
+    def heights(self) -> Floats:
+        """Heights (n_heights,) at which a side is measured, as fractions of the height."""
+        end = protocol.SLICES.end_fraction
+        return np.linspace(end, 1.0 - end, self.n_heights)
+
+
+TRIAL = TrialSettings()
 
 
 class PlannerTrial:
-    """One object, its truth and what was asked of it."""
+    """One object, its truth and the slices that were requested."""
 
-    def __init__(self, radius: Radius, noise: float = 0.0, seed: int = 0) -> None:
-        """Noise is the standard deviation of a pad's position, m."""
-        self._radius, self._noise, self._seed = radius, noise, seed
-        truth = measure_side(radius, HEIGHTS, AROUND)
-        turning = np.gradient(truth.radii, AROUND, axis=1) / truth.radii
+    def __init__(
+        self,
+        radius: Radius,
+        noise: float = 0.0,
+        seed: int = 0,
+        settings: TrialSettings = TRIAL,
+    ) -> None:
+        """Take `noise` as the standard deviation of a pad's position [m]."""
+        self._radius, self._noise, self._seed, self._settings = radius, noise, seed, settings
+        azimuths = settings.azimuths
+        truth = measure_side(radius, settings.heights, azimuths)
+        turning = np.gradient(truth.radii, azimuths, axis=1) / truth.radii
         self._truth = truth
         self._normal = 1.0 / np.sqrt(1.0 + truth.slopes**2 + turning**2)
         area = truth.radii / self._normal
         self._share = area / area.sum()
-        self._kept: dict[float, protocol.ObservedSlice] = {}
+        self._slices: dict[float, protocol.ObservedSlice] = {}
 
     def slice_at(self, height: float) -> protocol.ObservedSlice:
-        """What tracing at this height, m, brings."""
-        share = height / EXTENT
+        """The slice that is traced at a height [m]."""
+        share = height / self._settings.extent
         if not 0.0 < share < 1.0:
             return lost_slice(height)
-        if height not in self._kept:
-            self._kept[height] = self._trace(share)
-        return self._kept[height]
+        if height not in self._slices:
+            self._slices[height] = self._trace(share)
+        return self._slices[height]
 
     def rms(self, slices: Sequence[protocol.ObservedSlice], *, slopes: bool = True) -> float:
         """Error of the side over the object's height; without `slopes` by monotone cubics."""
-        usable = sorted((one for one in slices if one.usable), key=lambda one: one.height)
+        usable = sorted((made for made in slices if made.usable), key=lambda made: made.height)
         if len(usable) < 2:
             return 1.0
-        profile = stack_slices(usable, 0.0, EXTENT)
-        # Beyond the first and the last contour nothing is rebuilt: the nearest one is carried on.
-        inside = np.clip(HEIGHTS, profile.heights[0], profile.heights[-1])
+        profile = stack_slices(usable, 0.0, self._settings.extent)
+        # Beyond the first and the last contour nothing is rebuilt: the nearest one is continued.
+        inside = np.clip(self._settings.heights, profile.heights[0], profile.heights[-1])
         if slopes:
             squares = hermite(profile, inside)
         else:
@@ -69,36 +98,43 @@ class PlannerTrial:
         return float(np.sqrt((self._share * (off * self._normal) ** 2).sum()))
 
     def _trace(self, share: float) -> protocol.ObservedSlice:
-        exact = measure_side(self._radius, np.array([share]), AROUND)
-        found = self._disturbed(exact, share) if self._noise else exact
-        reach = HALF_BAND / np.sqrt(1.0 + exact.slopes[0] ** 2)
+        """The slice at a fraction of the height."""
+        extent = self._settings.extent
+        exact = measure_side(self._radius, np.array([share]), self._settings.azimuths)
+        measured = self._disturbed(exact, share) if self._noise else exact
+        reach = self._settings.half_band / np.sqrt(1.0 + exact.slopes[0] ** 2)
         return protocol.ObservedSlice(
-            height=share * EXTENT,
+            height=share * extent,
             outcome=protocol.SliceOutcome.CLOSED,
-            radii=np.maximum(found.radii[0], 1e-3) * EXTENT,
-            slopes=found.slopes[0],
-            curvatures=found.curvatures[0] / EXTENT,
-            contact_low=share * EXTENT - reach,
-            contact_high=share * EXTENT + reach,
+            radii=np.maximum(measured.radii[0], self._settings.min_radius) * extent,
+            slopes=measured.slopes[0],
+            curvatures=measured.curvatures[0] / extent,
+            contact_low=share * extent - reach,
+            contact_high=share * extent + reach,
             deviation=self._noise,
         )
 
     def _disturbed(self, exact: MeasuredSide, share: float) -> MeasuredSide:
-        """Each touch is off as a whole."""
+        """The side as touches measure it, each of which is off as a whole."""
         rng = np.random.default_rng([self._seed, round(1e6 * share)])
-        touches = PROFILE_AZIMUTHS // TOUCH
-        shift = np.repeat(rng.normal(size=touches), TOUCH) * self._noise / EXTENT
-        lean = np.repeat(rng.normal(size=touches), TOUCH) * NOISY_SLOPE
-        bend = np.repeat(rng.normal(size=touches), TOUCH) * NOISY_BEND * EXTENT
+        settings = self._settings
+        width = settings.n_azimuths_per_touch
+        touches = settings.n_azimuths // width
+        shift = np.repeat(rng.normal(size=touches), width) * self._noise / settings.extent
+        lean = np.repeat(rng.normal(size=touches), width) * settings.slope_noise
+        bend = np.repeat(rng.normal(size=touches), width) * settings.curvature_noise
+        bend = bend * settings.extent
         return MeasuredSide(exact.radii + shift, exact.slopes + lean, exact.curvatures + bend)
 
 
-def measure_side(radius: Radius, heights: Floats, azimuths: Floats) -> MeasuredSide:
-    """Radii, slopes and curvatures of an object."""
+def measure_side(
+    radius: Radius, heights: Floats, azimuths: Floats, step: float = 2e-4
+) -> MeasuredSide:
+    """Radii, slopes and curvatures of an object, by differences over a `step` of the height."""
     z, t = heights[:, None], azimuths[None, :]
-    below, here, above = (np.asarray(radius(z + d, t)) for d in (-SHARE_STEP, 0.0, SHARE_STEP))
-    slope = (above - below) / (2.0 * SHARE_STEP)
-    second = (above - 2.0 * here + below) / SHARE_STEP**2
+    below, here, above = (np.asarray(radius(z + d, t)) for d in (-step, 0.0, step))
+    slope = (above - below) / (2.0 * step)
+    second = (above - 2.0 * here + below) / step**2
     return MeasuredSide(here, slope, -second / (1.0 + slope**2) ** 1.5)
 
 
@@ -113,7 +149,7 @@ def positions_only(heights: Floats, squares: Floats, wanted: Floats) -> Floats:
 
 
 def lost_slice(height: float) -> protocol.ObservedSlice:
-    """A slice beside the object."""
+    """A slice at a height [m] beyond the object's ends."""
     return protocol.slice_without_contour(height, protocol.SliceOutcome.LOST)
 
 
@@ -121,12 +157,12 @@ def run_planner(
     planner: protocol.Planner,
     trial: PlannerTrial,
     tolerance: float,
-    most: int = MOST_CONTOURS_PLANNED - 1,
+    most: int = TRIAL.max_slices - 1,
 ) -> tuple[tuple[protocol.ObservedSlice, ...], protocol.Stop | None]:
     """Let a planner work until it stops, or has `most` slices.
 
-    `tolerance`: root mean square error asked for, over the object's height. Raises ValueError if
-    its answer is none to act on; see `palpate.core.explore.planners.check_choice`.
+    `tolerance`: root mean square error asked for, over the object's height. Raises ValueError if an
+    answer is invalid; see `palpate.core.explore.planners.check_choice`.
     """
     slices: tuple[protocol.ObservedSlice, ...] = ()
     while True:
@@ -139,15 +175,17 @@ def run_planner(
 
 
 def observation_of(
-    slices: tuple[protocol.ObservedSlice, ...], tolerance: float
+    slices: tuple[protocol.ObservedSlice, ...],
+    tolerance: float,
+    settings: TrialSettings = TRIAL,
 ) -> protocol.Observation:
-    """What the planner is told."""
+    """What a planner observes of a trial; `tolerance` over the object's height."""
     return protocol.Observation(
         low=0.0,
-        high=EXTENT,
-        tolerance=tolerance * EXTENT,
-        resolution=RESOLUTION,
-        feature=FEATURE,
+        high=settings.extent,
+        tolerance=tolerance * settings.extent,
+        resolution=settings.resolution,
+        feature=settings.feature,
         slices=slices,
     )
 
@@ -156,14 +194,14 @@ class MeasuredSide(NamedTuple):
     """A side at heights (m,) and azimuths (k,); lengths over the object's height."""
 
     radii: Floats  # (m, k)
-    slopes: Floats  # Over the height; (m, k)
-    curvatures: Floats  # Along the height, positive where it bulges; (m, k)
+    slopes: Floats  # (m, k) of the radius over the height
+    curvatures: Floats  # (m, k) along the height, positive where it bulges
 
 
 def _ball(z: Floats, power: float = 1.0) -> Floats:
-    """1 in the middle, 0 at both ends: of a superellipse."""
-    away = np.abs(2.0 * z - 1.0)
-    return np.asarray(np.maximum(1.0 - away ** (2.0 / power), 1e-9) ** (power / 2.0))
+    """Radius of a superellipse: 1 in the middle, 0 at both ends."""
+    offset = np.abs(2.0 * z - 1.0)
+    return np.asarray(np.maximum(1.0 - offset ** (2.0 / power), 1e-9) ** (power / 2.0))
 
 
 def _rise(z: Floats, at: float, width: float) -> Floats:
@@ -186,11 +224,11 @@ def _oval(t: Floats, ratio: float) -> Floats:
 def _bent_cone(z: Floats, t: Floats) -> Floats:
     shift = 0.1 * (2.0 * z - 1.0) ** 2
     base = (0.34 - 0.12 * z) * _ball(z, 0.5)
-    away = np.minimum(shift, 0.5 * base)
-    return np.asarray(away * np.cos(t) + np.sqrt(base**2 - (away * np.sin(t)) ** 2))
+    offset = np.minimum(shift, 0.5 * base)
+    return np.asarray(offset * np.cos(t) + np.sqrt(base**2 - (offset * np.sin(t)) ** 2))
 
 
-# Plain convex ones and featured ones.
+# Plain convex objects, then objects with features.
 TUNED: Mapping[str, Radius] = {
     "sphere": lambda z, t: 0.5 * _ball(z) + 0.0 * t,
     "ellipsoid": lambda z, t: 0.4 * _ball(z) * _oval(t, 0.8),

@@ -1,4 +1,4 @@
-"""The uniform planner: slices at even heights, in an order of one's choice."""
+"""The uniform planner: slices at even heights, in an order that the user chooses."""
 
 from __future__ import annotations
 
@@ -7,19 +7,17 @@ from typing import Annotated, Literal
 
 import numpy as np
 
+from palpate.core.arrays import Bools, Floats, Ints
 from palpate.core.explore.planners import protocol
 from palpate.core.plugins import Range, check_ranges
-
-TRIES = 2  # For each height; the second one is a quarter of the spacing nearer to the middle
-REACH = 0.3  # Of the spacing: slices so near to a height were meant for it
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Uniform:
-    """So many slices, whatever they bring."""
+    """A number of slices, whatever they bring."""
 
-    count: Annotated[int, Range(1, 1000, "1")] = 9  # Slices
-    # From the middle up and then from it down; or nested, so that every beginning is even.
+    count: Annotated[int, Range(1, 1000, "1")] = 9  # slices
+    # "sweep": from the middle up, then from below it down; "nested": every beginning is even.
     order: Literal["sweep", "nested"] = "sweep"
 
     def __post_init__(self) -> None:
@@ -28,23 +26,21 @@ class Uniform:
             raise ValueError(f"order must be sweep or nested, got {self.order!r}")
 
     def next(self, observation: protocol.Observation) -> protocol.Choice:
-        """The first height in the order that has neither its slice nor all its tries."""
-        over = protocol.exhausted_budget(observation)
-        if over is not None:
-            return protocol.Stop(over)
+        """The first height in the order that has neither its slice nor two tries.
+
+        The second try lies a quarter of the spacing nearer to the middle.
+        """
+        spent = protocol.exhausted_budget(observation)
+        if spent is not None:
+            return protocol.Stop(spent)
         low, high = protocol.first_and_last(observation)
         middle = 0.5 * (low + high)
         heights = np.linspace(low, high, self.count) if self.count > 1 else np.array([middle])
         spacing = (high - low) / max(self.count - 1, 1)
-        made = np.array([one.height for one in observation.slices])
-        usable = np.array([one.usable for one in observation.slices], np.bool_)
-        visited = np.abs(heights[:, None] - made) <= REACH * spacing
-        tries, busy = visited.sum(axis=1), np.array(observation.busy_heights)
-        done = (visited & usable).any(axis=1) | (tries >= TRIES)
-        done |= (np.abs(heights[:, None] - busy) <= REACH * spacing).any(axis=1)
-        waits = False
+        tries, is_done = _visits(observation, heights, spacing)
+        has_to_wait = False
         for i in sweep(self.count) if self.order == "sweep" else nested(self.count):
-            if done[i]:
+            if is_done[i]:
                 continue
             wanted = float(heights[i])
             if tries[i]:
@@ -53,14 +49,30 @@ class Uniform:
                 continue  # the ends have been moved since, and another height with them
             if not protocol.is_near_finger(observation, wanted):
                 return protocol.Height(wanted, f"slice {i + 1} of {self.count} even ones")
-            waits = True
-        if waits:
+            has_to_wait = True
+        if has_to_wait:
             return protocol.Wait("other fingers are too near to the heights that are left")
         return protocol.Stop(f"all {self.count} heights have been visited")
 
     def settled(self, observation: protocol.Observation) -> protocol.Choice:
-        """The same: no model has a say in it."""
+        """The same as `next`: it depends on no model."""
         return self.next(observation)
+
+
+def _visits(
+    observation: protocol.Observation, heights: Floats, spacing: float, reach: float = 0.3
+) -> tuple[Ints, Bools]:
+    """How often each height (n,) was tried, and whether nothing is left to do there.
+
+    `reach`: fraction of the spacing within which a slice was meant for a height.
+    """
+    made = np.array([part.height for part in observation.slices])
+    usable = np.array([part.usable for part in observation.slices], np.bool_)
+    is_visited = np.abs(heights[:, None] - made) <= reach * spacing
+    tries, busy = is_visited.sum(axis=1, dtype=np.int32), np.array(observation.busy_heights)
+    is_done: Bools = (is_visited & usable).any(axis=1) | (tries >= 2)
+    is_done |= (np.abs(heights[:, None] - busy) <= reach * spacing).any(axis=1)
+    return tries, is_done
 
 
 def sweep(count: int) -> list[int]:

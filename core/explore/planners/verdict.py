@@ -1,7 +1,7 @@
 """What was asked of a solid and what was reached: one judgement for planner, run and report.
 
-Every limit is one `Criterion` with a name, a figure and a limit. A planner stops when all of them
-are kept, a run tells those that are not, and its exit code follows. Nobody else decides.
+Every demand is one `Criterion` with a name, a figure and a limit. A planner stops when all limits
+are kept; a run names those that are not, and its exit code depends on them.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ CriterionUnit = Literal["m", "1", "#"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Limits:
-    """What is asked of a solid; None where nothing is."""
+    """What is asked of a solid; None where nothing is asked."""
 
     tolerance: float | None = None  # of the root mean square error [m]
     feature: float | None = None  # largest gap that may stay untouched between contours [m]
-    # Share of the surface that may lie farther than `unknown_distance` from every touch. Beside
-    # what an object stands on and in corners that hold a pad off, a little always does.
+    # Share of the surface that may lie farther than `unknown_distance` from every touch. A little
+    # always does, beside what an object stands on and in corners that hold a pad off.
     unknown_share: float = 0.01
     # Share of the surface that may be an underside which nothing touched; None: it counts as flat.
     underside_share: float | None = None
@@ -42,9 +42,8 @@ class Findings:
 
     error_bound: float | None = None  # 95 % bound of the root mean square error [m]
     underside_share: float | None = None  # of the surface, on which the object stands
-    # The error bound of creases alone that are too narrow for a finger, and their share.
-    crease_error: float | None = None  # [m]
-    crease_share: float | None = None
+    crease_error: float | None = None  # [m] error bound of creases too narrow for a finger
+    crease_share: float | None = None  # of the surface, in such creases
     unknown_share: float | None = None  # of the surface, underside apart, far from every touch
     untouched_gap: float | None = None  # largest height of the side that no contour touched [m]
     unentered_hole: float | None = None  # width of the widest hole that no finger entered [m]
@@ -52,9 +51,8 @@ class Findings:
     closed: bool | None = None  # whether every edge of the mesh has exactly two faces
     self_crossings: int | None = None  # pairs of triangles that cross
     genus: int | None = None  # holes that go through the solid
-    # What only a simulation knows.
-    true_error: float | None = None  # root mean square error [m]
-    true_genus: int | None = None
+    true_error: float | None = None  # root mean square error [m]; only of a simulation
+    true_genus: int | None = None  # only of a simulation
 
     def stated(self) -> dict[str, float]:
         """What is known, by name, as messages carry it."""
@@ -90,54 +88,56 @@ class Verdict(NamedTuple):
     @property
     def reached(self) -> bool | None:
         """Whether every limit is kept; None where nothing was asked."""
-        return all(one.is_met for one in self.criteria) if self.criteria else None
+        return all(criterion.is_met for criterion in self.criteria) if self.criteria else None
 
     @property
     def failed(self) -> tuple[Criterion, ...]:
         """The limits that are not kept."""
-        return tuple(one for one in self.criteria if not one.is_met)
+        return tuple(criterion for criterion in self.criteria if not criterion.is_met)
 
 
-def judge(found: Findings, limits: Limits) -> Verdict:
-    """Hold what is known of a solid against what is asked of it.
+def judge(findings: Findings, limits: Limits) -> Verdict:
+    """Compare what is known of a solid with what is asked of it.
 
     The error bound counts wherever a tolerance is asked for, known or not; every other figure
     where it is known.
     """
-    return Verdict((*_errors(found, limits), *_coverage(found, limits), *_surface(found)))
+    return Verdict((*_errors(findings, limits), *_coverage(findings, limits), *_surface(findings)))
 
 
-def _errors(found: Findings, limits: Limits) -> Iterator[Criterion]:
+def _errors(findings: Findings, limits: Limits) -> Iterator[Criterion]:
     tolerance = limits.tolerance
     if tolerance is None:
         return
-    yield Criterion("error bound", found.error_bound, tolerance, "m")
+    yield Criterion("error bound", findings.error_bound, tolerance, "m")
     # A part that alone takes the whole solid beyond the tolerance is named with what it may err by.
-    error, share = found.crease_error, found.crease_share
+    error, share = findings.crease_error, findings.crease_share
     if error is not None and share and error * math.sqrt(share) > tolerance:
         yield Criterion("crease error", error, tolerance / math.sqrt(share), "m")
-    if found.true_error is not None:
-        yield Criterion("rms error", found.true_error, tolerance, "m")
+    if findings.true_error is not None:
+        yield Criterion("rms error", findings.true_error, tolerance, "m")
 
 
-def _coverage(found: Findings, limits: Limits) -> Iterator[Criterion]:
-    if limits.underside_share is not None and found.underside_share is not None:
-        yield Criterion("underside", found.underside_share, limits.underside_share, "1")
+def _coverage(findings: Findings, limits: Limits) -> Iterator[Criterion]:
+    if limits.underside_share is not None and findings.underside_share is not None:
+        yield Criterion("underside", findings.underside_share, limits.underside_share, "1")
     if limits.feature is not None:
-        if found.unknown_share is not None:
-            yield Criterion("unknown share", found.unknown_share, limits.unknown_share, "1")
-        if found.untouched_gap is not None:
-            yield Criterion("untouched gap", found.untouched_gap, limits.feature, "m")
-    if limits.tolerance is not None and found.unentered_hole is not None:
-        yield Criterion("unentered hole", found.unentered_hole, 0.0, "m")
-    if found.untraced_height is not None:
-        yield Criterion("untraced height", found.untraced_height, 0.0, "m")
+        if findings.unknown_share is not None:
+            yield Criterion("unknown share", findings.unknown_share, limits.unknown_share, "1")
+        if findings.untouched_gap is not None:
+            yield Criterion("untouched gap", findings.untouched_gap, limits.feature, "m")
+    if limits.tolerance is not None and findings.unentered_hole is not None:
+        yield Criterion("unentered hole", findings.unentered_hole, 0.0, "m")
+    if findings.untraced_height is not None:
+        yield Criterion("untraced height", findings.untraced_height, 0.0, "m")
 
 
-def _surface(found: Findings) -> Iterator[Criterion]:
-    if found.closed is not None:
-        yield Criterion("open surface", float(not found.closed), 0.0, "#")
-    if found.self_crossings is not None:
-        yield Criterion("self-crossings", float(found.self_crossings), 0.0, "#")
-    if found.genus is not None and found.true_genus is not None:
-        yield Criterion("genus", float(found.genus), float(found.true_genus), "#", is_exact=True)
+def _surface(findings: Findings) -> Iterator[Criterion]:
+    if findings.closed is not None:
+        yield Criterion("open surface", float(not findings.closed), 0.0, "#")
+    if findings.self_crossings is not None:
+        yield Criterion("self-crossings", float(findings.self_crossings), 0.0, "#")
+    if findings.genus is not None and findings.true_genus is not None:
+        yield Criterion(
+            "genus", float(findings.genus), float(findings.true_genus), "#", is_exact=True
+        )

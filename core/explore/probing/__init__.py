@@ -1,8 +1,8 @@
 """Single touches of an object's ends, off the contours, and when they are enough.
 
-The rule is one pure function, `next_probe`, of an `EndObservation`; its constants are in widths
-of the pad. It rests on plane geometry, on the places where a hand searches (grasp), and on the
-depth of a plain touch (tracing).
+The rule is one pure function, `next_probe`, of an `EndObservation`; its settings are
+`ProbingSettings`. It rests on plane geometry, on the places where a hand searches (grasp), and on
+the depth of a plain touch (tracing).
 """
 
 from palpate.core.explore.probing.ends import (
@@ -13,5 +13,6 @@ from palpate.core.explore.probing.ends import (
     SideContour as SideContour,
 )
 from palpate.core.explore.probing.rule import (
+    ProbingSettings as ProbingSettings,
     next_probe as next_probe,
 )

@@ -1,9 +1,9 @@
-"""What is known of one end, what the rule answers, and the face that closes the end.
+"""What is known of one end of an object, touches of it, and the face that closes it.
 
-All in the slicing frame. The rule itself thinks of upper ends alone: `turned_over` makes one of a
-lower end. A face has a plane, an edge, and places where it was not touched. Touches at 45 degrees,
-across the edge between a steep wall and the face, are worth their time where the band that the
-contour's touches reached ends well below the face.
+All is in the slicing frame. The rule treats upper ends only: `turned_over` makes one of a lower
+end. A face has a plane, an edge, and places where it was not touched. Touches at 45 degrees, across
+the edge between a steep wall and the face, are worth their time where the band that the contour's
+touches reached ends well below the face.
 """
 
 from __future__ import annotations
@@ -22,112 +22,119 @@ from palpate.core.poses import FACING_DOWN, Pose, pad_rotation
 from palpate.core.touch import HITS, TouchOutcome
 
 End = Literal["upper", "lower"]
-# What a touch is for: to find the end, to touch the face that closes it, or that one's edge.
+# What a touch is for: to find the end, to touch the face that closes it, or the face's edge.
 ProbeReason = Literal["search", "face", "edge"]
-OVER = Pose(np.zeros(3), FACING_DOWN)  # The slicing frame, half a turn about its x axis
-LEAST_POINTS = 3
-NOISES = 3.0  # Standard deviations by which touches may differ
-FOOT = 0.35  # Of the pad's width: how far from its deepest point a domed pad touches a level face
-STEEPEST = math.radians(45.0)  # A normal that leans more says that an edge was touched, not a face
-# Normals of one plane differ by no more: what noise and an edge under the pad make of them.
-ALIKE = math.radians(3.0)
-FAINT = 1e-3  # Weight of a normal that is not believed
-STEEP = 0.6  # Upward part of a wall's normal below which there is an edge between it and the face
-UNTOUCHED = 1.0 / 6.0  # Of the pad's width: a lower stretch between band and face needs no touch
-LEAST_ALIKE = 4  # Touches after which the edge is believed to be the same all around, if they agree
-MOST_EDGE = 8  # Touches of one edge
-APART = 1.0  # Widths of the pad: places nearer to a touched one need no touch
-TILT = math.radians(45.0)
-# Widths of the pad: from how far an edge is approached, and how far past its place.
-STANDOFF, BEYOND = 1.0, 0.6
-CELLS = 8  # Places to a pad's width, between which one is looked for
-MOST_CELLS = 64  # The same across the end
-OUTLINE = 96  # Points of an outline, at most: more say no more, and each costs
-LEAST_LEVEL = 0.05  # Level part of a normal below which nobody can say which way is inwards
+TURNED_OVER = Pose(np.zeros(3), FACING_DOWN)  # the slicing frame, half a turn about its x axis
+MIN_POINTS = 3  # of a contour
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FaceSettings:
+    """How a plane is fitted to touches of a face, and where the face is untouched."""
+
+    foot: float = 0.35  # [widths of the pad] from its deepest point that a domed pad touches
+    max_lean: float = math.radians(45.0)  # [rad] of a face's normal: an edge's leans more
+    lean_weight: float = 1e-3  # of a normal that leans more: the equations keep their rank
+    # [rad] between normals of one plane: what noise and an edge under the pad make of them.
+    max_angle: float = math.radians(3.0)
+    n_cells: int = 8  # of a grid of places, to a pad's width
+    max_cells: int = 64  # of a grid of places, across the end
+    max_points: int = 96  # of an outline: more only cost time
+    min_level_normal: float = 0.05  # level part of a wall's normal that shows the way inwards
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EdgeSettings:
+    """Where and how often the edge of a face is touched."""
+
+    max_rise: float = 0.6  # upward part of a wall's normal: a wall that leans more has no edge
+    min_approach: float = 0.5  # of wall and face to each other, for a unit of height
+    min_untouched: float = 1.0 / 6.0  # [widths of the pad] between band and face, for a touch
+    min_touches: int = 4  # that agree, for the edge to be taken for the same all around
+    max_touches: int = 8
+    spacing: float = 1.0  # [widths of the pad] between touched places, at least
+    tilt: float = math.radians(45.0)  # [rad] of the pad
+    standoff: float = 1.0  # [widths of the pad] before the edge's place
+    reach: float = 0.6  # [widths of the pad] past the edge's place
 
 
 class SideContour(NamedTuple):
     """The usable contour nearest to the end."""
 
-    points: Floats  # (n, 3), m, in order
-    normals: Floats  # Outward unit normals, (n, 3)
-    contact_low: Floats  # Lowest height touched below each point without a break, (n,), m
-    contact_high: Floats  # Highest height touched above it
+    points: Floats  # (n, 3) [m] in order
+    normals: Floats  # (n, 3) outward unit normals
+    contact_low: Floats  # (n,) [m] lowest height touched below each point without a break
+    contact_high: Floats  # (n,) [m] highest height touched above it
 
 
 class ProbeCommand(NamedTuple):
     """A touch to make."""
 
-    pose: Pose  # From which the pad moves along its z axis
-    reach: float  # Longest way, m
-    reason: ProbeReason  # What it is for
-    target: Floats  # Where the surface is expected, (3,), m
+    pose: Pose  # from which the pad moves along its z axis
+    reach: float  # [m] longest distance that it moves
+    reason: ProbeReason
+    target: Floats  # (3,) [m] where the surface is expected
 
 
 class StopProbing(NamedTuple):
-    """No touch is worth its time."""
+    """No further touch of the end is worth its time."""
 
-    reason: str  # Why, in a few words
-    untouched: float  # Width of the largest stretch of it that nobody touched, m; 0 if unknown
+    reason: str  # in a few words
+    untouched: float  # [m] width of the largest untouched stretch of it; 0 if unknown
 
 
 class ProbeResult(NamedTuple):
-    """A touch that was made, and what came of it."""
+    """A touch that was made."""
 
-    probing: ProbeCommand  # What was asked for
-    outcome: TouchOutcome  # How it ended
-    point: Floats  # Deepest point touched, (3,), m; of no meaning unless something was touched
-    normal: Floats  # Outward normal at the middle of the contact, (3,)
+    command: ProbeCommand
+    outcome: TouchOutcome
+    point: Floats  # (3,) [m] deepest point touched; only of a hit
+    normal: Floats  # (3,) outward normal at the middle of the contact
 
     @property
     def touched(self) -> bool:
-        """Whether it tells where the surface is."""
+        """Whether it shows where the surface is."""
         return self.outcome in HITS
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class EndObservation:
-    """All that the next touch of one end may depend on; lengths in m."""
+    """All that the next touch of one end may depend on."""
 
-    height: float  # Where the end is expected along the slicing axis
-    deviation: float  # Standard deviation of that
-    other: float  # Where the object's other end is
-    radius: float  # Largest distance of the surface from the slicing axis that is expected
-    width: float  # Of the pad
-    tolerance: float  # What two heights may differ by and still be as good as one
-    noise: float = 0.0  # Standard deviation of a touch's place
-    standing: bool = False  # Whether the object stands on this end: no touch comes from beyond
-    contour: SideContour | None = None  # The contour nearest to it; None while there is none
-    probes: tuple[ProbeResult, ...] = ()  # Touches made of this end, in their order
+    height: float  # [m] where the end is expected along the slicing axis
+    deviation: float  # [m] standard deviation of that
+    other_height: float  # [m] of the object's other end
+    radius: float  # [m] largest expected distance of the surface from the slicing axis
+    width: float  # [m] of the pad
+    tolerance: float  # [m] by which two heights may differ and be as good as one
+    noise: float = 0.0  # [m] standard deviation of a touch's place
+    is_standing: bool = False  # on the platform: no touch comes from beyond this end
+    contour: SideContour | None = None  # nearest to it; None while there is none
+    probes: tuple[ProbeResult, ...] = ()  # made of this end, in their order
 
     def __post_init__(self) -> None:
         for name in ("radius", "width", "tolerance"):
             positive(name, getattr(self, name), "m")
         for name in ("deviation", "noise"):
             not_negative(name, getattr(self, name), "m")
-        finite = math.isfinite(self.height) and math.isfinite(self.other)
-        if not finite or self.height == self.other:
+        is_finite = math.isfinite(self.height) and math.isfinite(self.other_height)
+        if not is_finite or self.height == self.other_height:
             raise ValueError(
-                f"height must be finite and differ from that of the other end {self.other} m, "
-                f"got {self.height} m"
+                f"height must be finite and differ from that of the other end, "
+                f"{self.other_height} m, got {self.height} m"
             )
         if self.contour is not None:
             count = len(finite_array("contour.points", self.contour.points, (None, 3)))
-            if count < LEAST_POINTS:
-                raise ValueError(f"contour.points must be at least {LEAST_POINTS}, got {count}")
+            if count < MIN_POINTS:
+                raise ValueError(f"contour.points must be at least {MIN_POINTS}, got {count}")
             finite_array("contour.normals", self.contour.normals, (count, 3))
             for name in ("contact_low", "contact_high"):
                 finite_array(f"contour.{name}", getattr(self.contour, name), (count,))
 
     @property
     def hits(self) -> tuple[ProbeResult, ...]:
-        """Touches that tell where the surface is."""
-        return tuple(one for one in self.probes if one.touched)
-
-    @property
-    def allowed(self) -> float:
-        """What two touched heights may differ by if the surface has but one."""
-        return self.tolerance + NOISES * self.noise
+        """Touches that show where the surface is."""
+        return tuple(probe for probe in self.probes if probe.touched)
 
 
 def turned_over(observation: EndObservation) -> EndObservation:
@@ -143,170 +150,190 @@ def turned_over(observation: EndObservation) -> EndObservation:
     return replace(
         observation,
         height=-observation.height,
-        other=-observation.other,
+        other_height=-observation.other_height,
         contour=contour,
         probes=tuple(
-            one._replace(
-                probing=turned_command(one.probing),
-                point=one.point @ FACING_DOWN,
-                normal=one.normal @ FACING_DOWN,
+            probe._replace(
+                command=turned_command(probe.command),
+                point=probe.point @ FACING_DOWN,
+                normal=probe.normal @ FACING_DOWN,
             )
-            for one in observation.probes
+            for probe in observation.probes
         ),
     )
 
 
-def turned_command(probing: ProbeCommand) -> ProbeCommand:
-    """A touch of the one end as one of the other."""
-    return probing._replace(pose=OVER @ probing.pose, target=probing.target @ FACING_DOWN)
+def turned_command(command: ProbeCommand) -> ProbeCommand:
+    """A touch of one end as one of the other."""
+    return command._replace(pose=TURNED_OVER @ command.pose, target=command.target @ FACING_DOWN)
 
 
 class EndFace(NamedTuple):
     """A plane over the slicing frame, z = height + slopes (x, y)."""
 
-    height: float  # On the slicing axis, m
+    height: float  # [m] on the slicing axis
     slopes: Floats  # (2,)
 
     def at(self, places: Floats) -> Floats:
-        """Heights (n,) over places (n, 2), m."""
+        """Heights (n,) over places (n, 2) [m]."""
         return np.asarray(self.height + places @ self.slopes)
 
     @property
     def normal(self) -> Floats:
-        """Upward unit normal, (3,)."""
+        """Upward unit normal (3,)."""
         upward = np.array([-self.slopes[0], -self.slopes[1], 1.0])
         return np.asarray(upward / np.linalg.norm(upward))
 
 
-def fit_face(touches: Sequence[ProbeResult], width: float) -> EndFace:
-    """The plane through touched points that leans as their normals do, for a pad's `width`, m."""
-    points = np.stack([one.point for one in touches])
-    slopes, sure = _slopes(touches)
+def fit_face(
+    touches: Sequence[ProbeResult], width: float, settings: FaceSettings = FaceSettings()
+) -> EndFace:
+    """The plane through touched points that leans as their normals do; `width` of the pad [m]."""
+    points = np.stack([touch.point for touch in touches])
+    slopes, is_face = _slopes(touches, settings.max_lean)
     middle = points.mean(axis=0)
-    foot = FOOT * width
+    foot = settings.foot * width
     rows = np.concatenate(
         [
             np.column_stack([np.ones(len(points)), points[:, :2] - middle[:2]]),
             np.tile(foot * np.eye(3)[1:], (len(slopes), 1)),
         ]
     )
-    # A normal that leans too far counts for next to nothing: the rows keep their rank.
-    weights = np.concatenate([np.ones(len(points)), np.repeat(np.where(sure, 1.0, FAINT), 2)])
+    of_normals = np.repeat(np.where(is_face, 1.0, settings.lean_weight), 2)
+    weights = np.concatenate([np.ones(len(points)), of_normals])
     heights = np.concatenate([points[:, 2] - middle[2], foot * slopes.ravel()])
-    found = np.linalg.lstsq(weights[:, None] * rows, weights * heights, rcond=None)[0]
-    return EndFace(float(middle[2] + found[0] - middle[:2] @ found[1:]), found[1:])
+    fit = np.linalg.lstsq(weights[:, None] * rows, weights * heights, rcond=None)[0]
+    return EndFace(float(middle[2] + fit[0] - middle[:2] @ fit[1:]), fit[1:])
 
 
-def _slopes(
-    touches: Sequence[ProbeResult],
-) -> tuple[Floats, np.ndarray[tuple[int], np.dtype[np.bool_]]]:
-    """Slopes (n, 2) that the normals tell, and whether they are believed; else 0."""
-    normals = np.stack([one.normal for one in touches])
-    sure = normals[:, 2] >= math.cos(STEEPEST)
-    upward = np.where(sure, normals[:, 2], 1.0)
-    return np.where(sure[:, None], -normals[:, :2] / upward[:, None], 0.0), sure
+def _slopes(touches: Sequence[ProbeResult], max_lean: float) -> tuple[Floats, Bools]:
+    """Slopes (n, 2) of the face by the normals, and which are a face's (n,); of others 0."""
+    normals = np.stack([touch.normal for touch in touches])
+    is_face: Bools = normals[:, 2] >= math.cos(max_lean)
+    upward = np.where(is_face, normals[:, 2], 1.0)
+    return np.where(is_face[:, None], -normals[:, :2] / upward[:, None], 0.0), is_face
 
 
 def is_plane(
-    face: EndFace, touches: Sequence[ProbeResult], contour: SideContour, allowed: float
+    face: EndFace,
+    touches: Sequence[ProbeResult],
+    contour: SideContour,
+    tolerance: float,
+    settings: FaceSettings = FaceSettings(),
 ) -> bool:
-    """Whether touches lie in a plane, to `allowed`, m, and nothing beside them rises over it."""
-    points = np.stack([one.point for one in touches])
-    if float(np.abs(points[:, 2] - face.at(points[:, :2])).max()) > allowed:
+    """Whether touches lie in a plane, to a tolerance [m], and nothing beside them rises over it."""
+    points = np.stack([touch.point for touch in touches])
+    if float(np.abs(points[:, 2] - face.at(points[:, :2])).max()) > tolerance:
         return False
-    normals = np.stack([one.normal for one in touches])
-    if float((normals @ face.normal).min()) < math.cos(ALIKE):
+    normals = np.stack([touch.normal for touch in touches])
+    if float((normals @ face.normal).min()) < math.cos(settings.max_angle):
         return False
-    return bool((contour.contact_high - face.at(contour.points[:, :2])).max() <= allowed)
+    return bool((contour.contact_high - face.at(contour.points[:, :2])).max() <= tolerance)
 
 
 class FaceEdge(NamedTuple):
-    """Where the edge is expected, and how much of it nobody touched."""
+    """Where the edge is expected, and how much of it is untouched."""
 
-    places: Floats  # (n, 3), m
-    headings: Floats  # Azimuths of the wall's outward normals there, (n,), rad
-    untouched: Floats  # Height between band and face, (n,), m; 0 where there is no edge
+    places: Floats  # (n, 3) [m]
+    headings: Floats  # (n,) [rad] azimuths of the wall's outward normals
+    untouched: Floats  # (n,) [m] height between band and face; 0 where there is no edge
 
 
 def expected_edge(
-    face: EndFace, contour: SideContour, touched: Floats, foot: float, top: float
+    face: EndFace,
+    contour: SideContour,
+    touched: Floats,
+    foot: float,
+    top: float,
+    settings: EdgeSettings = EdgeSettings(),
 ) -> FaceEdge:
-    """Where the wall, gone on with as it leans, meets the face.
+    """Where the wall, continued with its lean, meets the face.
 
-    `touched` (k, 3): where the face was touched, m: an edge within a `foot` of that is known.
-    `foot`: how far around a touched point the pad touches, m. `top`: where the object ends, m: a
-    plane through touches of what is none may rise beyond.
+    `touched` (k, 3): where the face was touched [m]. `foot`: how far around a touched point the pad
+    touches [m]: an edge so near is known. `top`: where the object ends [m], for a plane fitted to
+    touches of something else may rise beyond.
     """
     level = np.linalg.norm(contour.normals[:, :2], axis=1)
-    steep = contour.normals[:, 2] < STEEP
+    steep = contour.normals[:, 2] < settings.max_rise
     outward = contour.normals[:, :2] / np.where(steep, level, 1.0)[:, None]
     lean = np.where(steep, contour.normals[:, 2] / np.where(steep, level, 1.0), 0.0)
     # Along the wall, a height h lies lean * h inwards; the face there is as high as h.
     rise = np.minimum(face.at(contour.points[:, :2]), top) - contour.points[:, 2]
-    height = rise / np.maximum(1.0 + lean * (outward @ face.slopes), 0.5)
+    height = rise / np.maximum(1.0 + lean * (outward @ face.slopes), settings.min_approach)
     places = contour.points[:, :2] - (lean * height)[:, None] * outward
     edge = np.column_stack([places, np.minimum(face.at(places), top)])
-    away = np.linalg.norm(edge[:, None] - touched, axis=2).min(axis=1)
-    untouched = np.where(steep & (away > foot), edge[:, 2] - contour.contact_high, 0.0)
+    distances = np.linalg.norm(edge[:, None] - touched, axis=2).min(axis=1)
+    untouched = np.where(steep & (distances > foot), edge[:, 2] - contour.contact_high, 0.0)
     return FaceEdge(edge, np.arctan2(outward[:, 1], outward[:, 0]), np.maximum(untouched, 0.0))
 
 
 def next_edge(
-    edge: FaceEdge, made: Sequence[ProbeResult], width: float, allowed: float
+    edge: FaceEdge,
+    made: Sequence[ProbeResult],
+    width: float,
+    tolerance: float,
+    settings: EdgeSettings = EdgeSettings(),
 ) -> ProbeCommand | float:
-    """The next touch across an edge, or the height that stays untouched, m.
+    """The next touch across an edge, or the height that stays untouched [m].
 
-    `width`: of the pad, m. `allowed`: what touches of one edge may differ by, m.
+    `made`: touches of the edge. `width`: of the pad [m]. `tolerance`: by which touches of one edge
+    may differ [m].
     """
-    uncertain = np.flatnonzero(edge.untouched > UNTOUCHED * width)
+    uncertain = np.flatnonzero(edge.untouched > settings.min_untouched * width)
     if not len(uncertain):
         return float(edge.untouched.max(initial=0.0))
     if not made:
-        return _across(edge, int(edge.untouched.argmax()), width)
-    aimed = np.stack([one.probing.target for one in made])
-    away = np.linalg.norm(edge.places[uncertain, None] - aimed, axis=2).min(axis=1)
-    enough = float(away.max()) < APART * width or len(made) >= MOST_EDGE
-    if enough or (len(made) >= LEAST_ALIKE and _alike(made, allowed)):
-        return 0.0 if any(one.touched for one in made) else float(edge.untouched.max())
-    return _across(edge, int(uncertain[away.argmax()]), width)
+        return _across(edge, int(edge.untouched.argmax()), width, settings)
+    targets = np.stack([touch.command.target for touch in made])
+    distances = np.linalg.norm(edge.places[uncertain, None] - targets, axis=2).min(axis=1)
+    is_spent = len(made) >= settings.max_touches
+    is_covered = float(distances.max()) < settings.spacing * width
+    if is_spent or is_covered or (len(made) >= settings.min_touches and _agree(made, tolerance)):
+        return 0.0 if any(touch.touched for touch in made) else float(edge.untouched.max())
+    return _across(edge, int(uncertain[distances.argmax()]), width, settings)
 
 
-def _across(edge: FaceEdge, number: int, width: float) -> ProbeCommand:
-    axes = pad_rotation(float(edge.headings[number]), TILT)
+def _across(edge: FaceEdge, number: int, width: float, settings: EdgeSettings) -> ProbeCommand:
+    """A touch across the edge at one of its places."""
+    axes = pad_rotation(float(edge.headings[number]), settings.tilt)
     target = edge.places[number]
-    start = target - STANDOFF * width * axes[:, 2]
-    return ProbeCommand(Pose(start, axes), (STANDOFF + BEYOND) * width, "edge", target)
+    start = target - settings.standoff * width * axes[:, 2]
+    reach = (settings.standoff + settings.reach) * width
+    return ProbeCommand(Pose(start, axes), reach, "edge", target)
 
 
-def _alike(made: Sequence[ProbeResult], allowed: float) -> bool:
-    """Whether all touches met the edge as far from where it was expected."""
-    if not all(one.touched for one in made):
+def _agree(made: Sequence[ProbeResult], tolerance: float) -> bool:
+    """Whether all touches met the edge as far from where it was expected, to a tolerance [m]."""
+    if not all(touch.touched for touch in made):
         return False
-    off = [float((one.point - one.probing.target) @ one.probing.pose.axes[:, 2]) for one in made]
-    return max(off) - min(off) <= allowed
+    offsets = [
+        float((touch.point - touch.command.target) @ touch.command.pose.axes[:, 2])
+        for touch in made
+    ]
+    return max(offsets) - min(offsets) <= tolerance
 
 
 class UntouchedDisc(NamedTuple):
     """The largest disc in which nothing was touched."""
 
-    place: Floats  # Its middle, (2,), m
-    radius: float  # m; 0 or less where everything was touched
+    place: Floats  # (2,) [m] its middle
+    radius: float  # [m] 0 or less where everything was touched
 
 
-def inner_outline(contour: SideContour) -> Floats:
-    """Where the band that the contour's touches touched ends on the face, (n, 2), m.
+def inner_outline(contour: SideContour, settings: FaceSettings = FaceSettings()) -> Floats:
+    """Where the band that the contour's touches touched ends on the face, (n, 2) [m].
 
-    Beyond a leaning wall by as much as the band climbs along it.
+    It lies inside the contour at a leaning wall, by as much as the band climbs along the wall.
     """
-    level = np.maximum(np.linalg.norm(contour.normals[:, :2], axis=1), LEAST_LEVEL)
+    level = np.maximum(np.linalg.norm(contour.normals[:, :2], axis=1), settings.min_level_normal)
     climbed = np.maximum(contour.contact_high - contour.points[:, 2], 0.0)
     inwards = climbed * np.maximum(contour.normals[:, 2], 0.0) / level
     outline = contour.points[:, :2] - (inwards / level)[:, None] * contour.normals[:, :2]
-    return np.asarray(outline[:: max(len(outline) // OUTLINE, 1)])
+    return np.asarray(outline[:: max(len(outline) // settings.max_points, 1)])
 
 
 def interior_point(contour: SideContour) -> Floats:
-    """A place (2,) well inside a contour: its centroid, or where the widest disc fits, m."""
+    """A place (2,) well inside a contour: its centroid, or where the widest disc fits [m]."""
     outline = contour.points[:, :2]
     middle = area_centroid(outline)
     if winding_number(outline, middle[None])[0] != 0:
@@ -314,33 +341,36 @@ def interior_point(contour: SideContour) -> Floats:
     return inscribed_circle(outline).middle
 
 
-def covers(contour: SideContour, places: Floats, beside: float) -> Bools:
-    """Which places (n, 2) lie inside a contour, or beside it by no more than so much, m."""
+def covers(contour: SideContour, places: Floats, margin: float) -> Bools:
+    """Which places (n, 2) lie inside a contour, or beside it by no more than a margin [m]."""
     outline = contour.points[:, :2]
     inside = winding_number(outline, places) != 0
-    return np.asarray(inside | (edge_distance(outline, places) <= beside), np.bool_)
+    return np.asarray(inside | (edge_distance(outline, places) <= margin), np.bool_)
 
 
-def largest_untouched_disc(outline: Floats, tried: Floats, width: float) -> UntouchedDisc:
+def largest_untouched_disc(
+    outline: Floats, tried: Floats, width: float, settings: FaceSettings = FaceSettings()
+) -> UntouchedDisc:
     """The largest disc inside an outline that no touch has reached.
 
-    `outline` (n, 2): of the unknown, m. `tried` (k, 2): at least one touch. `width`: the pad's.
+    `outline` (n, 2): of the face [m]. `tried` (k, 2): places of at least one touch [m]. `width`: of
+    the pad [m].
     """
-    places, inwards = _places_inside(outline.tobytes(), width)
+    places, inwards = _places_inside(outline.tobytes(), width, settings)
     if not len(places):
         return UntouchedDisc(tried[-1], 0.0)
-    away = np.linalg.norm(places[:, None] - tried, axis=2).min(axis=1) - FOOT * width
-    clear = np.minimum(inwards, away)
-    widest = int(clear.argmax())
-    return UntouchedDisc(places[widest], float(clear[widest]))
+    distances = np.linalg.norm(places[:, None] - tried, axis=2).min(axis=1)
+    radii = np.minimum(inwards, distances - settings.foot * width)
+    widest = int(radii.argmax())
+    return UntouchedDisc(places[widest], float(radii[widest]))
 
 
 @lru_cache(maxsize=8)  # the same outline is asked for after each touch
-def _places_inside(points: bytes, width: float) -> tuple[Floats, Floats]:
-    """A grid of places (m, 2) within an outline, and how far from it they are, (m,), m."""
+def _places_inside(points: bytes, width: float, settings: FaceSettings) -> tuple[Floats, Floats]:
+    """A grid of places (m, 2) inside an outline, and how far from it they are, (m,) [m]."""
     outline = np.frombuffer(points).reshape(-1, 2)
     low, high = outline.min(axis=0), outline.max(axis=0)
-    step = max(width / CELLS, float((high - low).max()) / MOST_CELLS)
+    step = max(width / settings.n_cells, float((high - low).max()) / settings.max_cells)
     axes = [np.arange(lo, hi + step, step) for lo, hi in zip(low, high, strict=True)]
     places = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
     places = places[winding_number(outline, places) != 0]

@@ -1,8 +1,8 @@
 """Tracing the contour of a slice, touch by touch.
 
-Procedures that search an arc, follow it, probe gaps and reacquire it. Lengths stand on top of
-each chapter, in widths of the pad, and may be tuned. It rests on `palpate.core.touch` alone; a
-tracer calls `next_command` and `after_touch`.
+Procedures that search an arc, follow it, probe gaps and reacquire it. Their settings stand beside
+them, in `TracingSettings`; most lengths are in widths of the pad. A tracer calls `next_command` and
+`after_touch`. It rests on `palpate.core.touch` alone.
 """
 
 from palpate.core.explore.tracing.contour_path import (
@@ -18,6 +18,7 @@ from palpate.core.explore.tracing.contour_trace import (
     Trace as Trace,
     TraceGoal as TraceGoal,
     TraceStatus as TraceStatus,
+    TracingSettings as TracingSettings,
     after_touch as after_touch,
     next_command as next_command,
 )

@@ -1,21 +1,20 @@
 """Finding the slice: the first arc of a contour, and an arc near a place.
 
 A pad that meets an object does not always meet it at the slice: on a pole it slides off to the
-side, below a shoulder the shoulder holds it away, across a groove it is bridged. So it tilts to the
+side, a shoulder holds it away from what lies below, and it bridges a groove. So it tilts to the
 surface, walks along it, and tries other postures.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import numpy as np
 
 from palpate.core.arrays import Floats
 from palpate.core.explore.tracing.contour_path import (
-    DEEP_TOUCH_DEPTH,
-    MOST_TILT,
     UPRIGHT,
     Posture,
     Procedure,
@@ -24,99 +23,148 @@ from palpate.core.explore.tracing.contour_path import (
     TouchCommand,
 )
 
-# Directions from which the object is approached, rad: until one succeeds.
-AZIMUTHS = tuple(np.radians([0, 90, 180, -90, 45, 135, -45, -135]).tolist())
-MOST_REPEATS = 5  # Touches from one direction while the pad still stands askew
-ASKEW = 0.12  # Angle to the surface above which the first arc is touched again, rad
-# Ways of a repeated touch before and past the place, in widths of the pad.
-STANDOFF, REACH = 12.0 / 15.0, 14.0 / 15.0
-PAST = 0.2  # A touch from above goes this far past the slice, in widths of the pad
-# Why there is no first arc: nothing was touched; only what keeps the pad off the slice was; or the
+# Why there is no first arc: nothing was touched; only what holds the pad off the slice was; or the
 # object ends below the slice.
 NoArc = Literal["no_contact", "occluded", "pole"]
-LEAST_ARC = 2  # Points that make an arc
-LEAST_SEARCHED_ARC = 3  # Points for which a searched posture is kept
-FEED_FORWARD = 0.7  # Share of the measured slope by which the next touch is tilted
-LEVEL = 0.03  # Slope below which the tilt is left alone
-MOST_STEPS = 6  # Touches of a walk
-GIVE_UP = 0.85  # A walk ends when a step leaves more than this share of the way to the slice
-BRIDGED = 3  # More touched taxels than this above and below the slice, and none at it: a bridge
-SHIFT = 6.8 / 15.0  # Brings the slice to just inside the pad's edge; in widths of the pad
-LEANS = (-0.45, -0.9, 0.45)  # Tilts tried together with a shift, rad
-INCLINED = 0.3  # A surface steeper than this is tried with the pad tilted to it and shifted, rad
-MOST_FAILED_SEARCHES = 2  # After these, leaning postures are no longer tried on this contour
-FROZEN_STANDOFF, FROZEN_REACH = 6.0 / 15.0, 8.0 / 15.0
-WALK_STANDOFF = 10.0 / 15.0
-SEARCH_STANDOFF, SEARCH_REACH = 8.0 / 15.0, 14.0 / 15.0
-FIRST_STANDOFF, FIRST_REACH = 14.0 / 15.0, 2.0
-MOST_WALK = 25.0 / 15.0  # Ways before and past the expected place, in widths of the pad
-STEEPEST_WALK = 1.3
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FirstArcSettings:
+    """From where the first arc is looked for, and when the pad lies against the surface."""
+
+    # [rad] directions from which the object is approached, until one succeeds.
+    azimuths: tuple[float, ...] = tuple(np.radians([0, 90, 180, -90, 45, 135, -45, -135]).tolist())
+    max_touches: int = 5  # from one direction, while the pad stands askew
+    max_askew: float = 0.12  # [rad] angle of the pad to the surface
+    standoff: float = 12.0 / 15.0  # [widths of the pad] of a repeated touch
+    reach: float = 14.0 / 15.0  # [widths of the pad] of a repeated touch
+    reach_from_above: float = 0.2  # [widths of the pad] past the slice
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WalkSettings:
+    """How the pad tilts to a surface and walks along it towards the slice."""
+
+    max_touches: int = 6
+    max_remaining: float = 0.85  # of the distance to the slice after a step, for another one
+    max_step: float = 25.0 / 15.0  # [widths of the pad]
+    max_slope_angle: float = 1.3  # [rad] of the surface, in the length of a step
+    standoff: float = 10.0 / 15.0  # [widths of the pad] before and past the place, at least
+    # A wall to which the pad would tilt and turn by less is upright: it leads to no slice.
+    upright_tilt: float = 0.12  # [rad]
+    upright_change: float = 0.08  # [rad]
+    max_bridged: int = 3  # touched taxels on either side of a slice that is not bridged
+    tilt_gain: float = 0.7  # fraction of the measured slope by which the next touch is tilted
+    min_slope: float = 0.03  # by which the next touch is tilted
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PostureSettings:
+    """Which postures are tried where tilting and walking have met no arc."""
+
+    min_points: int = 3  # of an arc, for its posture to be kept
+    shift: float = 6.8 / 15.0  # [widths of the pad] brings the slice just inside the pad's edge
+    lean: float = 0.45  # [rad] tilt tried together with a shift
+    large_lean: float = 0.9  # [rad]
+    min_tilt: float = 0.3  # [rad] of the surface, for a tilt to it to be shifted as well
+    max_failed_searches: int = 2  # on one contour, until leaning postures are no longer tried
+    standoff: float = 8.0 / 15.0  # [widths of the pad]
+    reach: float = 14.0 / 15.0  # [widths of the pad]
+    first_standoff: float = 14.0 / 15.0  # [widths of the pad] before a contour has begun
+    first_reach: float = 2.0  # [widths of the pad] before a contour has begun
+    kept_standoff: float = 6.0 / 15.0  # [widths of the pad] in a kept posture, at least
+    kept_reach: float = 8.0 / 15.0  # [widths of the pad] in a kept posture, at least
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SearchSettings:
+    """How an arc of the slice is looked for."""
+
+    first: FirstArcSettings = FirstArcSettings()
+    walk: WalkSettings = WalkSettings()
+    postures: PostureSettings = PostureSettings()
 
 
 class FirstArc(NamedTuple):
     """Where a contour begins."""
 
-    arc: SliceArc  # The first arc
-    heading: float  # Azimuth of the outward normal there, rad
-    posture: Posture  # How the pad was held
+    arc: SliceArc
+    heading: float  # [rad] azimuth of the outward normal there
+    posture: Posture
 
 
-def search_first_arc(spec: SliceSpec, centre: Floats, radius: float) -> Procedure[FirstArc | NoArc]:
+def search_first_arc(
+    spec: SliceSpec, centre: Floats, radius: float, settings: SearchSettings = SearchSettings()
+) -> Procedure[FirstArc | NoArc]:
     """Approach the slice from one direction after the other until an arc is met.
 
-    The pad comes from a `radius`, m, about `centre` (2,), the expected axis. Where it meets the
-    object below the slice, that holds it off or ends there: one touch from above tells them apart.
+    The pad comes from a `radius` [m] about `centre` (2,) [m], the expected axis. Where it meets the
+    object below the slice, a touch from above shows whether the object ends there or holds it off.
     """
     held_off = 0
-    for azimuth in AZIMUTHS:
-        found = yield from approach_from(spec, centre, radius, azimuth, held_off)
-        if isinstance(found, FirstArc):
-            return found
-        if found is None:
+    for azimuth in settings.first.azimuths:
+        met = yield from approach_from(spec, centre, radius, azimuth, settings, held_off)
+        if isinstance(met, FirstArc):
+            return met
+        if met is None:
             continue
-        if not held_off and found.below > found.above:
-            ends = yield from _ends_below(spec, centre, radius)
-            if ends:
+        if not held_off and met.below > met.above:
+            ends_below = yield from _ends_below(spec, centre, radius, settings.first)
+            if ends_below:
                 return "pole"
         held_off += 1
     return "occluded" if held_off else "no_contact"
 
 
-def _ends_below(spec: SliceSpec, centre: Floats, radius: float) -> Procedure[bool]:
+def _ends_below(
+    spec: SliceSpec, centre: Floats, radius: float, settings: FirstArcSettings
+) -> Procedure[bool]:
     """Whether a touch from above finds the object's top below the slice, or nothing."""
     from_above = UPRIGHT._replace(tilt=0.5 * math.pi)
-    arc = yield TouchCommand(centre, 0.0, radius, PAST * spec.width, from_above)
+    reach = settings.reach_from_above * spec.width
+    arc = yield TouchCommand(centre, 0.0, radius, reach, from_above)
     return arc is None or arc.above == 0
 
 
 def approach_from(
-    spec: SliceSpec, centre: Floats, radius: float, azimuth: float, held_off: int = 0
+    spec: SliceSpec,
+    centre: Floats,
+    radius: float,
+    azimuth: float,
+    settings: SearchSettings = SearchSettings(),
+    held_off: int = 0,
 ) -> Procedure[FirstArc | SliceArc | None]:
-    """Come from outside: the arc, or what was touched first, or None; in ever fewer postures."""
+    """Come from outside: the first arc, or else what was touched at first, or None.
+
+    `held_off`: number of approaches so far that met the object beside the slice; after some of them
+    fewer postures are tried.
+    """
     place = centre + radius * np.array([math.cos(azimuth), math.sin(azimuth)])
-    arc = yield TouchCommand(place, azimuth, 0.0, radius, UPRIGHT)
-    if arc is None:
+    touched = yield TouchCommand(place, azimuth, 0.0, radius, UPRIGHT)
+    if touched is None:
         return None
-    found, posture = yield from _refine(spec, arc, azimuth, held_off)
-    return arc if found is None else FirstArc(found, azimuth, posture)
+    arc, posture = yield from _refine(spec, touched, azimuth, settings, held_off)
+    return touched if arc is None else FirstArc(arc, azimuth, posture)
 
 
 def _refine(
-    spec: SliceSpec, arc: SliceArc, heading: float, held_off: int
+    spec: SliceSpec, arc: SliceArc, heading: float, settings: SearchSettings, held_off: int
 ) -> Procedure[tuple[SliceArc | None, Posture]]:
     """Touch again until the pad lies against the surface."""
     posture, best = UPRIGHT._replace(failed_searches=held_off), None
-    for repeat in range(MOST_REPEATS):
+    first = settings.first
+    for repeat in range(first.max_touches):
         askew = math.atan(arc.slope)
         if has_arc(arc):
             best = arc
-            if posture.frozen or abs(askew) < ASKEW:
+            if posture.is_kept or abs(askew) < first.max_askew:
                 break
             if repeat == 0:  # from then on the search follows the slope itself
-                posture = posture._replace(tilt=max(-MOST_TILT, min(MOST_TILT, -askew)))
+                posture = posture._replace(tilt=_bounded(spec, -askew))
         place = arc.points[len(arc.points) // 2] if len(arc.points) else arc.pad
-        target = Target(place[:2], heading, STANDOFF * spec.width, REACH * spec.width)
-        again, posture = yield from search_arc(spec, posture, target, first=True)
+        standoff, reach = first.standoff * spec.width, first.reach * spec.width
+        target = Target(place[:2], heading, standoff, reach)
+        again, posture = yield from search_arc(spec, posture, target, settings, is_first=True)
         if again is None or not has_arc(again):
             break
         arc = again
@@ -128,13 +176,13 @@ def _refine(
 class Target(NamedTuple):
     """Where an arc is looked for."""
 
-    place: Floats  # Where the contour is expected, (2,), m
-    heading: float  # Azimuth of the expected outward normal, rad
-    standoff: float  # Way before the place, m
-    reach: float  # Way past it, m
+    place: Floats  # (2,) [m] where the contour is expected
+    heading: float  # [rad] azimuth of the expected outward normal
+    standoff: float  # [m] before the place
+    reach: float  # [m] past the place
 
     def at_least(self, standoff: float, reach: float) -> Target:
-        """The same with longer ways."""
+        """The target with a standoff and a reach that are not shorter [m]."""
         return self._replace(standoff=max(self.standoff, standoff), reach=max(self.reach, reach))
 
     def command(self, posture: Posture) -> TouchCommand:
@@ -143,102 +191,140 @@ class Target(NamedTuple):
 
 
 def search_arc(
-    spec: SliceSpec, posture: Posture, target: Target, first: bool = False
+    spec: SliceSpec,
+    posture: Posture,
+    target: Target,
+    settings: SearchSettings = SearchSettings(),
+    is_first: bool = False,
 ) -> Procedure[tuple[SliceArc | None, Posture]]:
     """Touch near a place until an arc of the slice is touched.
 
-    `first`: true at the start of a contour, where places are least certain. Returns the touch that
-    met the slice, or else the last that touched anything, and the posture for the next touch.
+    `is_first`: whether a contour begins, where places are least certain. Returns the touch that met
+    the slice, or else the last that touched anything, and the posture for the next touch.
     """
-    if posture.frozen:
-        wider = target.at_least(FROZEN_STANDOFF * spec.width, FROZEN_REACH * spec.width)
+    if posture.is_kept:
+        postures = settings.postures
+        wider = target.at_least(
+            postures.kept_standoff * spec.width, postures.kept_reach * spec.width
+        )
         arc = yield wider.command(posture)
         if arc is None or has_arc(arc):
             return arc, posture
-    arc, held = yield from _walk(spec, posture, target)
-    if arc is None or has_arc(arc) or (not first and _is_edge(arc)):
-        return arc, held
-    return (yield from _search(spec, posture, held.tilt, arc, target, first))
+    arc, current = yield from _walk(spec, posture, target, settings.walk)
+    if arc is None or has_arc(arc) or (not is_first and _is_edge(arc, settings.walk)):
+        return arc, current
+    return (
+        yield from _search(spec, posture, current.tilt, arc, target, settings.postures, is_first)
+    )
 
 
 def _walk(
-    spec: SliceSpec, posture: Posture, target: Target
+    spec: SliceSpec, posture: Posture, target: Target, settings: WalkSettings
 ) -> Procedure[tuple[SliceArc | None, Posture]]:
     """Tilt to the surface and step along it towards the slice."""
     outward = np.array([math.cos(target.heading), math.sin(target.heading)])
-    best: SliceArc | None = None
-    tilt = 0.0 if posture.frozen else posture.tilt
-    held = UPRIGHT._replace(tilt=tilt, failed_searches=posture.failed_searches)
-    left = math.inf
-    for _ in range(MOST_STEPS):
-        arc = yield target.command(held)
+    last: SliceArc | None = None
+    tilt = 0.0 if posture.is_kept else posture.tilt
+    current = UPRIGHT._replace(tilt=tilt, failed_searches=posture.failed_searches)
+    remaining = math.inf
+    for _ in range(settings.max_touches):
+        arc = yield target.command(current)
         if arc is None:
             break
-        best = arc
+        last = arc
         if has_arc(arc):
-            return arc, next_posture(held, arc)
-        wanted = _bounded(held.tilt - math.atan(arc.slope))
+            return arc, _next_posture(spec, current, arc, settings)
+        tilt = _bounded(spec, current.tilt - math.atan(arc.slope))
         rise = spec.height - float(arc.nearest[2])
-        upright = abs(wanted) < 0.12 and abs(wanted - held.tilt) < 0.08
-        bridged = min(arc.above, arc.below) > BRIDGED
-        if bridged or abs(rise) > GIVE_UP * left or upright:
-            break
-        left, most = abs(rise), MOST_WALK * spec.width
-        inwards = rise * math.tan(max(-STEEPEST_WALK, min(STEEPEST_WALK, wanted)))
-        target = target.at_least(WALK_STANDOFF * spec.width, WALK_STANDOFF * spec.width)._replace(
-            place=arc.nearest[:2] - outward * max(-most, min(most, inwards))
+        is_upright = (
+            abs(tilt) < settings.upright_tilt and abs(tilt - current.tilt) < settings.upright_change
         )
-        held = held._replace(tilt=wanted)
-    return best, held
+        is_bridge = min(arc.above, arc.below) > settings.max_bridged
+        if is_bridge or abs(rise) > settings.max_remaining * remaining or is_upright:
+            break
+        remaining = abs(rise)
+        target = _step_along(spec, target, outward, arc, rise, tilt, settings)
+        current = current._replace(tilt=tilt)
+    return last, current
+
+
+def _step_along(
+    spec: SliceSpec,
+    target: Target,
+    outward: Floats,
+    arc: SliceArc,
+    rise: float,
+    tilt: float,
+    settings: WalkSettings,
+) -> Target:
+    """The target of the next step, `rise` [m] higher along a surface tilted by `tilt` [rad]."""
+    steepest, longest = settings.max_slope_angle, settings.max_step * spec.width
+    inwards = rise * math.tan(max(-steepest, min(steepest, tilt)))
+    place = arc.nearest[:2] - outward * max(-longest, min(longest, inwards))
+    standoff = settings.standoff * spec.width
+    return target.at_least(standoff, standoff)._replace(place=place)
 
 
 def has_arc(arc: SliceArc) -> bool:
-    """Whether a touch has touched enough of the slice."""
-    return len(arc.points) >= LEAST_ARC
+    """Whether a touch has touched enough of the slice: two points make an arc."""
+    return len(arc.points) >= 2
 
 
-def _is_edge(arc: SliceArc) -> bool:
+def _is_edge(arc: SliceArc, settings: WalkSettings) -> bool:
     """Whether a touch met the slice in one column that runs along it: no tilt meets more of it."""
-    return len(arc.points) > 0 and min(arc.above, arc.below) > 0 and arc.above + arc.below > BRIDGED
+    is_on_both_sides = len(arc.points) > 0 and min(arc.above, arc.below) > 0
+    return is_on_both_sides and arc.above + arc.below > settings.max_bridged
 
 
-def next_posture(posture: Posture, arc: SliceArc) -> Posture:
+def _next_posture(
+    spec: SliceSpec, posture: Posture, arc: SliceArc, settings: WalkSettings
+) -> Posture:
     """The posture for the next touch, tilted after the slope just measured."""
-    if posture.frozen or abs(arc.slope) <= LEVEL:
+    if abs(arc.slope) <= settings.min_slope:
         return posture
-    return posture._replace(tilt=_bounded(posture.tilt - FEED_FORWARD * math.atan(arc.slope)))
+    tilt = posture.tilt - settings.tilt_gain * math.atan(arc.slope)
+    return posture._replace(tilt=_bounded(spec, tilt))
 
 
-def _bounded(tilt: float) -> float:
-    return max(-MOST_TILT, min(MOST_TILT, tilt))
+def _bounded(spec: SliceSpec, tilt: float) -> float:
+    return max(-spec.touch.max_tilt, min(spec.touch.max_tilt, tilt))
 
 
 def _search(
-    spec: SliceSpec, posture: Posture, tilt: float, arc: SliceArc, target: Target, first: bool
+    spec: SliceSpec,
+    posture: Posture,
+    tilt: float,
+    arc: SliceArc,
+    target: Target,
+    settings: PostureSettings,
+    is_first: bool,
 ) -> Procedure[tuple[SliceArc | None, Posture]]:
     """Try a list of postures; the first that meets an arc is kept for the whole contour."""
-    away = -1.0 if arc.below >= arc.above else 1.0
-    standoff, reach = FIRST_STANDOFF, FIRST_REACH
-    if not first:
-        standoff, reach = SEARCH_STANDOFF, SEARCH_REACH
+    side = -1.0 if arc.below >= arc.above else 1.0
+    standoff, reach = settings.standoff, settings.reach
+    if is_first:
+        standoff, reach = settings.first_standoff, settings.first_reach
     wider = target._replace(standoff=standoff * spec.width, reach=reach * spec.width)
-    for tried, shift in _postures(tilt, away, posture.failed_searches):
-        held = Posture(tried, shift * spec.width, DEEP_TOUCH_DEPTH, frozen=True)
-        found = yield wider.command(held)
-        if found is not None and len(found.points) >= LEAST_SEARCHED_ARC:
-            half = 0.5 * float(np.linalg.norm(found.points[-1] - found.points[0]))
-            return found, held._replace(contact=half)
+    for tried_tilt, shift in _postures(tilt, side, posture.failed_searches, settings):
+        current = Posture(tried_tilt, shift * spec.width, spec.touch.deep_depth, is_kept=True)
+        met = yield wider.command(current)
+        if met is not None and len(met.points) >= settings.min_points:
+            half = 0.5 * float(np.linalg.norm(met.points[-1] - met.points[0]))
+            return met, current._replace(half_contact=half)
     return arc, posture._replace(failed_searches=posture.failed_searches + 1)
 
 
-def _postures(tilt: float, away: float, failed_searches: int) -> list[tuple[float, float]]:
-    """Tilt, and shift in widths of the pad, of each posture to try, the likeliest first."""
-    shifts = (SHIFT * away, -SHIFT * away)
-    inclined = [(tilt, shift) for shift in shifts] if abs(tilt) > INCLINED else []
-    plain = [(tilt, 0.0), *inclined, *((0.0, shift) for shift in shifts)]
-    if failed_searches > MOST_FAILED_SEARCHES:
+def _postures(
+    tilt: float, side: float, failed_searches: int, settings: PostureSettings
+) -> list[tuple[float, float]]:
+    """Tilt [rad], and shift [widths of the pad], of each posture to try, the likeliest first.
+
+    `side`: 1 where most of the touched taxels lie above the slice, else -1.
+    """
+    shift, lean, large = settings.shift * side, settings.lean * side, settings.large_lean * side
+    inclined = [(tilt, shift), (tilt, -shift)] if abs(tilt) > settings.min_tilt else []
+    plain = [(tilt, 0.0), *inclined, (0.0, shift), (0.0, -shift)]
+    if failed_searches > settings.max_failed_searches:
         return plain
-    leaning = [(lean * away, SHIFT * away) for lean in LEANS[:2]]
-    leaning += [(-LEANS[0] * away, -SHIFT * away), (LEANS[2] * away, SHIFT * away)]
-    leaning += [(-LEANS[1] * away, SHIFT * away), (LEANS[0] * away, -SHIFT * away)]
-    return plain + leaning
+    leaning = [(-lean, shift), (-large, shift), (lean, -shift)]
+    return [*plain, *leaning, (lean, shift), (large, shift), (-lean, -shift)]

@@ -222,7 +222,7 @@ class Stubborn:
 def test_answer_that_cannot_be_acted_on_ends_with_what_there_is():
     known = exploration(survey=SURVEY, touches=20)
     [done] = acted(known, rule=Stubborn(5.0))[1]
-    words = "the planner Stubborn gave no answer to act on: a height must lie"
+    words = "the planner Stubborn gave an invalid answer: a height must lie"
     assert isinstance(done, explore.Done) and done.reason.startswith(words)
     with pytest.raises(ValueError, match="nothing is under way, and the planner neither stops"):
         acted(known, DEMAND._replace(most_touches=20), Stubborn(0.05))

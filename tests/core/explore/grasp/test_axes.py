@@ -51,7 +51,7 @@ def test_end_face_is_axis_if_level_or_square_to_straight_sides():
     + [sides(math.pi * np.arange(24)), BOX[:8]],
     ids=["round", "barrel", "taper", "two faces", "few"],
 )
-def test_face_of_other_sides_is_no_axis(normals):
+def test_end_face_not_square_to_sides_is_no_axis(normals):
     assert end_face_axis(UP, LEAN @ UP, normals @ LEAN.T) is None
 
 
@@ -81,7 +81,7 @@ def test_axis_of_vase_is_exact_from_few_contacts_in_any_pose(scale):
     assert np.linalg.norm(revolution_axis(points[side], normals[side], TURNS[0]).axis[:2]) < 1e-6
 
 
-def test_wrong_normals_are_left_out_and_lower_share():
+def test_outlying_normals_are_left_out_and_lower_share():
     points, normals = vase(50, 3)
     normals[:12] = np.linalg.qr(np.random.default_rng(3).normal(size=(12, 3, 3)))[0][:, 0]
     axis = revolution_axis(points, normals, NO_AXES)
@@ -95,7 +95,7 @@ def test_wrong_normals_are_left_out_and_lower_share():
         assert revolution_axis(moved, normals, NO_AXES).share == pytest.approx(share)
 
 
-def test_stated_error_is_that_of_noisy_normals():
+def test_axis_error_is_that_of_noisy_normals():
     rng, errors, stated = np.random.default_rng(4), [], []
     for seed in range(12):
         points, normals = vase(40, 100 + seed)

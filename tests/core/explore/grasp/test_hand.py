@@ -48,7 +48,7 @@ def close(shape: Shape, pose: Pose, hand: Hand = HAND, *effects, platform=-1.0, 
 
 @cache
 def grasped(name: str, wanted: int) -> tuple[Floats, Floats, int]:
-    """Points and normals of at least so many contacts, and how often the hand closed."""
+    """Points and normals of at least `wanted` contacts, and the number of closings."""
     shape = {"ball": standing(BALL), "aside": standing(CYLINDER, 0.06)}[name]
     hand, places = Hand(), search_places(0.08, 0.04)
     fingers = tips(hand)
@@ -131,9 +131,8 @@ def test_search_places_fill_disc_from_middle_out(reach, spacing, most):
     assert len(search_places(0.9 * spacing, spacing)) == 1
     *poses, none = (search_pose(list(places[:2]), number, 0.1) for number in range(5))
     assert none is None  # every height of every place was tried
-    for pose, place, height in zip(
-        poses, places[[0, 0, 1, 1]], 2 * room.SEARCH_HEIGHTS, strict=True
-    ):
+    heights = 2 * room.HandSettings().search_heights
+    for pose, place, height in zip(poses, places[[0, 0, 1, 1]], heights, strict=True):
         assert pose.position == pytest.approx([*place, 0.1 + height])
         assert np.array_equal(pose.axes, FACING_DOWN)
 

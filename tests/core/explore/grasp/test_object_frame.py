@@ -106,7 +106,7 @@ def test_upright_object_is_sliced_in_world_axes_and_heights():
     assert origin[2] == 0.0 and origin[:2] == pytest.approx(PLACE[:2], abs=1e-4)
     assert (frame.low, frame.high) == pytest.approx((0.008, 0.092), abs=1e-4)
     ball = grasp(BALL, turn_of(0.5, 0.0, 0.0)).frame()  # it has no axis
-    assert ball.ambiguous and ball.axis_error == 0.0
+    assert ball.is_ambiguous and ball.axis_error == 0.0
     assert np.array_equal(axes_of(ball), np.eye(3))
     assert (ball.low, ball.high, ball.radius) == pytest.approx((0.02, 0.08, 0.03), abs=1e-4)
 
@@ -125,7 +125,7 @@ def test_tile_is_sliced_along_short_axis_and_straight_sides_correct_fit():
 
 
 @pytest.mark.parametrize("axis", [(0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.6, 0.0, 0.8)])
-def test_given_axis_is_taken_with_its_uncertain_ends(axis):
+def test_given_axis_is_kept_and_its_ends_are_uncertain(axis):
     frame = leaning().frame(np.array(axis))
     assert (frame.axis, frame.axis_error) == ("given", 0.0)
     assert axes_of(frame)[:, 2] == pytest.approx(axis, abs=1e-12)
@@ -162,9 +162,9 @@ def test_few_contacts_give_frame_about_them(axis):
     assert frame.radius <= away.max() + 1e-9 or direction[2]
 
 
-def test_fit_at_bound_is_less_certain_and_more_contacts_more():
+def test_fit_at_bound_is_less_certain_and_many_contacts_more_so():
     sure, unsure = leaning().frame(), leaning().frame(warnings=("at a bound",))
-    assert unsure.ambiguous or unsure.axis_error > 3.0 * sure.axis_error
+    assert unsure.is_ambiguous or unsure.axis_error > 3.0 * sure.axis_error
     few = leaning().part(slice(None, 20)).frame(UP, rms=1e-3)
     many = leaning().frame(UP, rms=1e-3)
     assert many.place_error < few.place_error
@@ -186,7 +186,7 @@ HALF, RADIUS = 0.045, 0.025
 
 
 def neck(top: list[tuple[Floats, Floats]] = (), lean: float = 0.0) -> ObjectFrame:
-    """A body with a narrow upper half, leaning on its lower rim; its fit tells nothing of ends."""
+    """A body with a narrow upper half, leaning on its lower rim; its fit does not show ends."""
     rng = np.random.default_rng(0)
     z, angle = rng.uniform(-0.8 * HALF, 0.9 * HALF, 60), rng.uniform(0.0, 2.0 * math.pi, 60)
     rim = np.column_stack([np.cos(angle), np.sin(angle), 0.0 * z])
@@ -253,7 +253,7 @@ ZEROS = np.zeros((20, 3))
         (ZEROS, ZEROS, -1.0, "noise must be positive and finite, got -1.0 m"),
     ],
 )
-def test_what_is_no_grasp_is_refused(points, normals, noise, words):
+def test_invalid_contacts_are_refused(points, normals, noise, words):
     with pytest.raises(ValueError, match=words):
         fit_object_frame(leaning().fit, points, normals, 0.0, noise)
 
@@ -264,12 +264,12 @@ def test_moments_are_those_of_ellipsoid_and_tetrahedron():
     body = mass_properties(vertices @ turn.T + [1.0, 2.0, 3.0], faces)
     assert body.volume == pytest.approx(4 / 3 * math.pi * 0.03 * 0.02 * 0.05, rel=3e-3)
     assert body.centroid == pytest.approx([1.0, 2.0, 3.0], abs=1e-9)
-    assert body.spread == pytest.approx(np.square([0.02, 0.03, 0.05]) / 5.0, rel=3e-3)
+    assert body.variances == pytest.approx(np.square([0.02, 0.03, 0.05]) / 5.0, rel=3e-3)
     assert np.abs(body.axes.T @ turn[:, [1, 0, 2]]) == pytest.approx(np.eye(3), abs=1e-6)
     assert np.linalg.det(body.axes) == pytest.approx(1.0)
-    assert body.sound and not mass_properties(vertices, faces[:, ::-1]).sound
+    assert body.is_sound and not mass_properties(vertices, faces[:, ::-1]).is_sound
     vertices = np.vstack([np.zeros(3), np.eye(3)])
     faces = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]], np.int32)
     body = mass_properties(vertices, faces)
     assert (body.volume, *body.centroid) == pytest.approx((1 / 6, 0.25, 0.25, 0.25))
-    assert body.spread.sum() == pytest.approx(3 * (1 / 10 - 1 / 16))
+    assert body.variances.sum() == pytest.approx(3 * (1 / 10 - 1 / 16))

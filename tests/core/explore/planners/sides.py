@@ -35,8 +35,8 @@ def slice_of(
     reach, height = BAND * unit / np.sqrt(1.0 + slope**2), base + share * size
     values = here * size, slope, bend / size, height - reach, height + reach
     fields = {name: np.full(16, value) for name, value in zip(CONTOUR, values, strict=True)}
-    given = {"height": height, "outcome": SliceOutcome.CLOSED, **fields}
-    return ObservedSlice(**(given | changes))
+    defaults = {"height": height, "outcome": SliceOutcome.CLOSED, **fields}
+    return ObservedSlice(**(defaults | changes))
 
 
 def slices_of(side: Side, shares: Sequence[float], **changes: Any) -> list[ObservedSlice]:

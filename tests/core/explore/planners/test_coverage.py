@@ -123,27 +123,27 @@ def test_each_interval_errs_about_as_predicted(count):
         assert side > 0.8 if end > 0.5 else side < 0.2
 
 
-def test_noise_adds_to_curve_and_resolution_is_least():
+def test_bound_adds_noise_to_curve_and_is_at_least_resolution():
     noises = []
     for deviation in (0.0, 9e-5, 18e-5):
-        told = predicted(known(slices_of(wavy, np.linspace(*ENDS, 12), deviation=deviation)))
-        assert told.rms_bound_95 == pytest.approx(math.hypot(told.noise.all, told.curve))
-        noises.append(told.noise.all)
+        bound = predicted(known(slices_of(wavy, np.linspace(*ENDS, 12), deviation=deviation)))
+        assert bound.rms_bound_95 == pytest.approx(math.hypot(bound.noise.all, bound.curve))
+        noises.append(bound.noise.all)
     assert noises[0] == pytest.approx(1e-5 / HEIGHT)
     fades = np.sqrt(np.square(noises[1:]) - noises[0] ** 2)
     assert fades[1] == pytest.approx(2.0 * fades[0])
     assert 0.5e-3 < fades[0] < 1.5e-3  # 90 um over 90 mm, and a margin
     # Slices are wanted while they can bring the bound down, and not for the sake of noise.
-    assert not told.wants_refinement(1.01 * told.rms_bound_95)
-    assert not told.wants_refinement(0.5 * told.noise.all)
-    assert told._replace(curve=told.noise.all).wants_refinement(0.5 * told.noise.all)
+    assert not bound.wants_refinement(1.01 * bound.rms_bound_95)
+    assert not bound.wants_refinement(0.5 * bound.noise.all)
+    assert bound._replace(curve=bound.noise.all).wants_refinement(0.5 * bound.noise.all)
 
 
 def stated(count: int = 4, band: float = 3e-5, **changes: float) -> planners.Observation:
     """Slices of a solid of all taxels that states its own deviations."""
     slices = slices_of(wavy, np.linspace(*ENDS, count), deviation=band)
-    given = {"all_taxels": True, "deviation": 9e-5, "ends_deviation": 2e-5, "pose_deviation": 1e-4}
-    return known(slices, **(given | changes))
+    own = {"all_taxels": True, "deviation": 9e-5, "ends_deviation": 2e-5, "pose_deviation": 1e-4}
+    return known(slices, **(own | changes))
 
 
 def test_stated_deviations_make_noise_of_bands_ends_and_between():
@@ -161,34 +161,36 @@ def test_stated_deviations_make_noise_of_bands_ends_and_between():
     side = predicted(stated(deviation=math.hypot(2e-5, 2.0 * math.sqrt(9e-5**2 - 2e-5**2)))).noise
     assert side.all**2 - side.lasting**2 == pytest.approx(4.0 * (noise.all**2 - noise.lasting**2))
     # Four times as many slices leave a quarter of the variance, its margin apart.
-    told = predicted(stated(6, band=4e-4, deviation=4e-4, pose_deviation=4e-4))
-    left = math.hypot(0.4 * told.noise.slices, told.noise.lasting)
-    assert told.wants_averaging(1.01 * left, 6, 24) and not told.wants_averaging(0.99 * left, 6, 24)
-    assert not told.wants_averaging(1.01 * told.noise.touched, 6, 24)  # it is small enough
+    bound = predicted(stated(6, band=4e-4, deviation=4e-4, pose_deviation=4e-4))
+    left = math.hypot(0.4 * bound.noise.slices, bound.noise.lasting)
+    assert bound.wants_averaging(1.01 * left, 6, 24) and not bound.wants_averaging(
+        0.99 * left, 6, 24
+    )
+    assert not bound.wants_averaging(1.01 * bound.noise.touched, 6, 24)  # it is small enough
     # With few slices every deviation is less certain.
     assert predicted(stated(12)).noise.slices < 0.9 * noise.slices
 
 
 def test_misfit_beyond_pose_errors_is_refined_and_is_no_noise():
-    given = {"band": 1e-3, "deviation": 1e-3, "ends_deviation": 0.0, "tolerance": 5e-4}
-    missed = predicted(stated(5, pose_deviation=1e-5, **given))
-    noisy = predicted(stated(5, pose_deviation=1e-3, **given))
+    misfit = {"band": 1e-3, "deviation": 1e-3, "ends_deviation": 0.0, "tolerance": 5e-4}
+    missed = predicted(stated(5, pose_deviation=1e-5, **misfit))
+    noisy = predicted(stated(5, pose_deviation=1e-3, **misfit))
     limit = 5e-4 / HEIGHT
     assert missed.rms_bound_95 == pytest.approx(noisy.rms_bound_95)
     assert missed.noise.touched < limit < missed.rms_bound_95
     assert missed.wants_refinement(limit) and not noisy.wants_refinement(limit)
-    whole = stated(9, pose_deviation=1e-5, **given)  # no further slice tells more
+    whole = stated(9, pose_deviation=1e-5, **misfit)  # no further slice shows more
     assert not predicted(whole).untouched.any() and not predicted(whole).wants_refinement(limit)
     assert "does not follow what was touched" in Predicted().next(whole).reason
     loose = stated(9, band=2e-6, deviation=2e-3, ends_deviation=2e-3)
     assert Predicted().next(loose).reason.startswith("the ends are uncertain beyond the tolerance")
     # Uncertain ends do not end the refinement of the side.
-    told = predicted(stated(band=2e-6, deviation=2e-3, ends_deviation=2e-3))
-    assert told.curve < 0.5 * told.noise.touched
-    assert told.wants_refinement(told.curve) and not told.wants_refinement(6.0 * told.curve)
+    bound = predicted(stated(band=2e-6, deviation=2e-3, ends_deviation=2e-3))
+    assert bound.curve < 0.5 * bound.noise.touched
+    assert bound.wants_refinement(bound.curve) and not bound.wants_refinement(6.0 * bound.curve)
 
 
-def test_halving_takes_slices_that_are_predicted_to():
+def test_halving_costs_predicted_number_of_slices():
     slices = slices_of(wavy, np.linspace(*ENDS, 5), touches=20, seconds=30.0)
     estimate = estimate_error(known(slices))
     count = estimate.prediction.slices_to(0.5 * estimate.prediction.rms_bound_95, 5)

@@ -307,7 +307,7 @@ def test_noise_and_tolerance_out_of_reach_end_plan_with_their_reasons():
     assert min(np.diff(sorted(shares))) >= 2.5e-3 / HEIGHT * (1.0 - 1e-6)
 
 
-def test_what_pad_cannot_reach_is_left_and_stated():
+def test_unreachable_span_is_left_and_stated():
     slices: list[planners.ObservedSlice] = []
     while isinstance(choice := Predicted().next(known(slices)), Height):
         hidden = 0.6 < choice.height / HEIGHT < 0.9
@@ -344,7 +344,7 @@ def test_fingers_get_heights_of_their_own_and_wait_when_there_is_none():
     assert isinstance(Predicted().next(both), Wait)
 
 
-def test_of_equal_heights_nearer_is_taken_and_of_equal_slices_later_counts():
+def test_nearer_of_equal_heights_and_later_of_equal_slices_count():
     wavy = lambda z: 0.3 + 0.05 * math.cos(4.0 * math.pi * (z - 0.5))  # noqa: E731
     for last in (0.97, 0.03):
         order = known(sides.slices_of(wavy, (1.0 - last, 0.5, last)))

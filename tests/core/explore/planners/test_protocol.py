@@ -1,4 +1,4 @@
-"""What a planner is told, what it may answer, how it is made, and how a solid is judged."""
+"""What a planner observes and answers, how it is made, and how a solid is judged."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def slice_with(**changes: Any) -> planners.ObservedSlice:
         (Budget, {"seconds": math.inf}, "seconds must be 0 or more and finite"),
     ],
 )
-def test_impossible_observation_is_refused(make, changes, words):
+def test_invalid_observation_is_refused(make, changes, words):
     with pytest.raises(ValueError, match=words):
         make(**changes)
 
@@ -88,7 +88,7 @@ BUSY = {"busy_heights": (0.03,), "finger_spacing": 0.02}
 
 @dataclass(frozen=True)
 class Says:
-    """A planner that always says the same."""
+    """A planner that always gives the same answer."""
 
     choice: Any
 
@@ -104,20 +104,20 @@ class Says:
         (Height(math.nan, ""), {}, "must lie between 0 and 0.09 m, got nan m"),
         (Height(0.09, ""), {}, "must lie between 0 and 0.09 m, got 0.09 m"),
         (Height(-1.0, ""), {}, "must lie between 0 and 0.09 m, got -1 m"),
-        (Height(0.02, ""), {"busy_heights": (0.02,)}, "was asked for at 0.02 m before"),
+        (Height(0.02, ""), {"busy_heights": (0.02,)}, "a slice at 0.02 m was requested before"),
         (Height(0.045, ""), {"slices": (failed(0.045),)}, "before; it must go elsewhere, or stop"),
         (Height(0.02, ""), BUSY, "0.02 m is nearer than 0.02 m to a finger at 0.03 m"),
         (Wait(""), {}, "it waits, but no finger is at work"),
     ],
 )
-def test_impossible_answer_is_refused(choice, more, words):
+def test_invalid_answer_is_refused(choice, more, words):
     with pytest.raises(planners.WrongChoiceError) as caught:
         planners.check_choice(Says(choice), known(**more))
-    assert str(caught.value).startswith("the planner Says gave no answer to act on: ")
+    assert str(caught.value).startswith("the planner Says gave an invalid answer: ")
     assert words in str(caught.value)
 
 
-def test_settled_slice_is_one_that_can_be_traced(monkeypatch):
+def test_settled_height_is_valid_slice_or_none(monkeypatch):
     spent = {"budget": Budget(most_touches=9, touches=9)}
     good, busy = Height(0.01, ""), {"busy_heights": (0.01,)}
     assert planners.settled_height(Says(good), known()) is None  # it has no such method
@@ -128,7 +128,7 @@ def test_settled_slice_is_one_that_can_be_traced(monkeypatch):
 
 
 @pytest.mark.usefixtures("own")
-def test_planners_are_found_and_possible_answers_handed_on():
+def test_planners_are_made_and_valid_answers_returned():
     assert planners.planner_type(planners.PLANNER_NAMES[0]) is planners.Predicted
     for name in planners.PLANNER_NAMES:
         planner = make_planner(name, {})
@@ -197,7 +197,7 @@ def own(tmp_path, monkeypatch):
         ("fuzzy", {"scale": 0.0}, r"scale is 0; expected 0\.1 to 2"),
     ],
 )
-def test_what_is_no_planner_is_refused(name, settings, words):
+def test_invalid_planner_is_refused(name, settings, words):
     with pytest.raises((ValueError, LookupError), match=words):
         make_planner(name, settings)
 
@@ -207,8 +207,6 @@ GOOD = dict(error_bound=1e-4, underside_share=0.005, crease_error=1e-3)
 GOOD |= dict(crease_share=0.005, unknown_share=0.01, untouched_gap=2e-3, unentered_hole=0.0)
 GOOD |= dict(untraced_height=0.0, closed=True, self_crossings=0, genus=1, true_genus=1)
 GOOD |= dict(true_error=1e-4)
-
-
 WORSE = {"error_bound": (1.1e-4, None), "underside_share": (0.0101,), "crease_error": (1.5e-3,)}
 WORSE |= {"unknown_share": (0.011,), "untouched_gap": (2.1e-3,), "unentered_hole": (1e-3,)}
 WORSE |= {"untraced_height": (1e-3,), "closed": (False,), "self_crossings": (1,), "genus": (0, 2)}

@@ -276,7 +276,7 @@ def test_touch_that_no_finger_can_make_is_refused(place, words):
         planners.check_choice(Says(), ball(EXACT))
     asked = asked._replace(pose=poses.Pose(MIDDLE + [0.1, 0.0, 0.0], np.eye(3)))
     assert planners.check_choice(Says(), ball(EXACT)) is asked
-    with pytest.raises(planners.WrongChoiceError, match="asks for a solid that is known"):
+    with pytest.raises(planners.WrongChoiceError, match="needs a known solid"):
         planners.check_choice(Says(), known())
     with pytest.raises(ValueError, match="bounds must"):
         ball(EXACT, bounds=np.zeros(3))

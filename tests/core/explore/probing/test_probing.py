@@ -26,7 +26,7 @@ UP = np.array([0.0, 0.0, 1.0])
 BALL = Superquadric(np.array([0.03, 0.03, 0.04]), np.ones(2))
 # An upper end at 40 mm of an object of 80 mm.
 END = probing.EndObservation(
-    height=0.04, deviation=5e-4, other=-0.04, radius=0.03, width=WIDTH, tolerance=2e-4
+    height=0.04, deviation=5e-4, other_height=-0.04, radius=0.03, width=WIDTH, tolerance=2e-4
 )
 Answer = Callable[[ProbeCommand], ProbeResult]
 
@@ -90,11 +90,11 @@ def probe(answer: Answer, end: str = "upper", **known: Any):
 
 
 def reasons(probes: tuple[ProbeResult, ...]) -> str:
-    return "".join(one.probing.reason[0] for one in probes)
+    return "".join(one.command.reason[0] for one in probes)
 
 
 def targets(probes: tuple[ProbeResult, ...], reason: str) -> Floats:
-    chosen = [one.probing.target for one in probes if one.probing.reason == reason]
+    chosen = [one.command.target for one in probes if one.command.reason == reason]
     return np.array(chosen).reshape(-1, 3)
 
 
@@ -104,15 +104,14 @@ def test_end_is_found_by_one_touch_along_axis(height):
     assert (len(probes), done.reason, done.untouched) == (1, "the end is found", 0.0)
     assert probes[0].point == pytest.approx([0.0, 0.0, 0.04], abs=1e-3)
     assert probes[0].point[2] == pytest.approx(0.04, abs=5e-5)
-    position, axes = probes[0].probing.pose
+    position, axes = probes[0].command.pose
     assert axes[:, 2] == pytest.approx(-UP, abs=1e-12)
+    # A contour reaches higher than the end may lie.
     high = next_probe("upper", replace(END, contour=ring(0.02, 0.04, above=4e-3))).pose.position[2]
-    assert high - next_probe("upper", END).pose.position[2] == pytest.approx(
-        2.5e-3
-    )  # a contour reaches it
+    assert high - next_probe("upper", END).pose.position[2] == pytest.approx(2.5e-3)
     # It starts above everything the end may be, and may go down to the middle.
     assert height + 3.0 * END.deviation < position[2] < height + 0.01
-    assert position[2] - probes[0].probing.reach == pytest.approx(0.5 * (height - 0.04))
+    assert position[2] - probes[0].command.reach == pytest.approx(0.5 * (height - 0.04))
 
 
 def test_object_off_axis_is_found_and_flank_climbed_to_top():
@@ -158,15 +157,14 @@ def test_climb_goes_uphill_within_pad_and_ends_at_top():
 def test_end_higher_than_expected_is_approached_from_farther_off():
     done, (one, two) = probe(press(BALL), height=0.02)
     assert (one.outcome, two.outcome, done.reason) == ("inside", "hit", "the end is found")
-    assert two.probing.pose.position[2] - one.probing.pose.position[2] == pytest.approx(WIDTH)
-    assert two.probing.reach - one.probing.reach == pytest.approx(WIDTH)
+    assert two.command.pose.position[2] - one.command.pose.position[2] == pytest.approx(WIDTH)
+    assert two.command.reach - one.command.reach == pytest.approx(WIDTH)
     probes: tuple[ProbeResult, ...] = ()
-    for _ in range(5):  # and no oftener than four times
+    for _ in range(5):  # at most four times
         command = next_probe("upper", replace(END, probes=probes))
         probes = (*probes, ProbeResult(command, "inside", np.zeros(3), UP))
-    assert probes[-1].probing.pose.position[2] - probes[0].probing.pose.position[
-        2
-    ] == pytest.approx(4 * WIDTH)
+    first, last = (probes[number].command.pose.position[2] for number in (0, -1))
+    assert last - first == pytest.approx(4 * WIDTH)
     assert np.linalg.norm(next_probe("upper", replace(END, probes=probes)).pose.position[:2]) > 0.01
 
 
@@ -176,14 +174,14 @@ def test_search_of_empty_space_ends(contour):
     done, probes = probe(nothing, contour=contour)
     assert done.reason == "nothing was touched" and done.untouched >= 0.05
     assert 1 < len(probes) <= 19
-    places = np.array([one.probing.pose.position[:2] for one in probes])
+    places = np.array([one.command.pose.position[:2] for one in probes])
     apart = np.linalg.norm(places[:, None] - places, axis=2) + np.eye(len(places))
     assert apart.min() > 0.35 * WIDTH
     limit = END.radius if contour is None else 0.025
     assert np.linalg.norm(places, axis=1).max() < limit + 1e-9
 
 
-def test_pole_and_narrow_top_take_one_touch_in_spite_of_noise():
+def test_pole_and_narrow_top_take_one_touch_despite_noise():
     for radius, noise in ((0.014, 0.0), (0.0048, 1e-4)):  # no whole pad lies on the narrow one
         contour = ring(radius - 2e-4, 0.037, above=2e-3)
         done, probes = probe(press(column(radius)), contour=contour, noise=noise)
@@ -199,7 +197,7 @@ def test_pole_and_narrow_top_take_one_touch_in_spite_of_noise():
 def test_flat_top_takes_touches_by_its_share_of_surface_and_noise(radius):
     contour = ring(radius, 0.037, above=2e-3)
     _, probes = probe(plane(0.04), contour=contour, noise=1e-4)
-    share = radius / (2.0 * (radius + END.height - END.other))
+    share = radius / (2.0 * (radius + END.height - END.other_height))
     enough = share * (1e-4 / (0.05 * END.tolerance)) ** 2
     assert abs(len(probes) - max(enough, 5.0)) <= 1.0
     assert len(probe(plane(0.04), contour=contour, noise=1e-6)[1]) <= 5 < enough
@@ -230,13 +228,13 @@ def test_face_is_touched_where_largest_disc_is_untouched():
 def test_leaning_face_is_touched_along_its_normal_in_its_plane():
     lean = 0.3
     _, probes = probe(plane(0.03, (-math.tan(lean), 0.1)), contour=ring(0.02, 0.01))
-    faces = [one for one in probes if one.probing.reason == "face"]
+    faces = [one for one in probes if one.command.reason == "face"]
     assert len(faces) >= 4
     for one in faces:
-        inward = one.probing.pose.axes[:, 2]
+        inward = one.command.pose.axes[:, 2]
         assert inward == pytest.approx(-one.normal, abs=1e-6)
-        assert one.probing.target == pytest.approx(one.point, abs=1e-9)
-    level = [one.probing for one in probe(plane(0.03, (0.05, 0.0)), contour=ring(0.02, 0.01))[1]]
+        assert one.command.target == pytest.approx(one.point, abs=1e-9)
+    level = [one.command for one in probe(plane(0.03, (0.05, 0.0)), contour=ring(0.02, 0.01))[1]]
     assert all(one.pose.axes[2, 2] == -1.0 for one in level if one.reason == "face")
     edge = np.array([0.9, 0.0, 0.4]) / math.hypot(0.9, 0.4)  # normals of an edge are not believed
     points = np.array([[0.0, 0.0, 0.04], [0.00525, 0.0, 0.0401], [0.0, 0.012, 0.04]])
@@ -266,7 +264,7 @@ def test_top_that_is_no_plane_is_touched_all_over(case):
         assert done.reason == "nothing larger than a pad is untouched"
 
 
-def test_touch_outside_contour_says_nothing_of_face():
+def test_touch_outside_contour_is_no_touch_of_face():
     around = ring(0.0103, 0.0376, math.radians(67.0), above=1e-3)
     start = np.array([0.027, 0.0, 0.06])
     over = ProbeCommand(Pose(start, FACING_DOWN), 0.05, "search", start - 0.02 * UP)
@@ -288,13 +286,13 @@ def test_edge_is_where_wall_meets_face(lean):
     cone = 0.025 - math.tan(lean) * (edges[:, 2] - 0.03)
     assert np.linalg.norm(edges[:, :2], axis=1) == pytest.approx(cone, abs=2e-4)
     for one in probes:
-        if one.probing.reason == "edge":
-            position, axes = one.probing.pose
-            out = np.array([*one.probing.target[:2], 0.0])
+        if one.command.reason == "edge":
+            position, axes = one.command.pose
+            out = np.array([*one.command.target[:2], 0.0])
             out /= np.linalg.norm(out)
             assert axes[:, 2] == pytest.approx(-math.sqrt(0.5) * (out + UP), abs=0.1)
-            assert position + WIDTH * axes[:, 2] == pytest.approx(one.probing.target)
-            assert WIDTH < one.probing.reach < 2.0 * WIDTH
+            assert position + WIDTH * axes[:, 2] == pytest.approx(one.command.target)
+            assert WIDTH < one.command.reach < 2.0 * WIDTH
     turns = np.sort(np.arctan2(edges[:, 1], edges[:, 0]))
     assert np.diff(turns).min() > math.radians(30.0)
 
@@ -326,7 +324,7 @@ def test_edge_that_is_never_met_is_reported_untouched():
     assert len(targets(probes, "edge")) == 8
     assert done.untouched >= 0.01
     command = ProbeCommand(Pose(0.0 * UP, np.eye(3)), 0.01, "edge", np.zeros(3))
-    alone = ProbeResult(command, "hit", np.zeros(3), UP)  # it tells of no face
+    alone = ProbeResult(command, "hit", np.zeros(3), UP)  # it is no touch of the face
     stop = next_probe("upper", replace(END, contour=ring(0.02, 0.03), probes=(alone,)))
     assert (stop.reason, stop.untouched) == ("only its edge was touched", 0.0)
 
@@ -341,20 +339,18 @@ def test_lower_end_is_upper_one_turned_over():
     assert (reasons(probes), done.reason) == ("sffffeeee", "5 touches lie in one plane")
     low, high = -contour.contact_high, -contour.contact_low
     below = SideContour(turned(contour.points), turned(contour.normals), low, high)
-    below = replace(END, height=-0.04, other=0.04, contour=below)
+    below = replace(END, height=-0.04, other_height=0.04, contour=below)
     for made in probes:
-        command, upper = next_probe("lower", below), made.probing
+        command, upper = next_probe("lower", below), made.command
         for one, other in zip(
-            (*command.pose, command.target),
-            (*upper.pose, upper.target),
-            strict=True,
+            (*command.pose, command.target), (*upper.pose, upper.target), strict=True
         ):
             assert pytest.approx(turned(other.T), abs=1e-9) == one.T
         assert (command.reach, command.reason) == (pytest.approx(upper.reach), upper.reason)
         result = ProbeResult(command, made.outcome, turned(made.point), turned(made.normal))
         below = replace(below, probes=(*below.probes, result))
     assert next_probe("lower", below) == done
-    below = replace(below, standing=True, probes=(), contour=ring(0.025, -0.03, below=6e-3))
+    below = replace(below, is_standing=True, probes=(), contour=ring(0.025, -0.03, below=6e-3))
     stop = next_probe("lower", below)
     assert stop.reason == "it stands on the platform" and stop.untouched == pytest.approx(4e-3)
     assert next_probe("lower", replace(below, contour=None)).untouched == 0.0
@@ -383,7 +379,7 @@ def test_every_end_is_done_in_24_touches_none_above_solid(size, exponents, lean)
         band = np.full(hits.sum(), level)
         points = out[hits] * (0.2 - ways[hits, None]) + level * UP
         contour = SideContour(points, out[hits], band - 5e-3, band + 3e-3)
-    known = {"height": float(high), "other": float(low), "deviation": 1e-3, "radius": 0.06}
+    known = {"height": float(high), "other_height": float(low), "deviation": 1e-3, "radius": 0.06}
     done, probes = probe(press(shape), **known, noise=1e-4, contour=contour)
     assert len(probes) <= 24 and done.untouched >= 0.0
     if contour is not None and done.reason != "nothing was touched":
@@ -407,13 +403,13 @@ RING = ring(0.025, 0.03)
         ({"deviation": -1e-3}, "deviation must be 0 or more and finite, got -0.001 m"),
         ({"noise": math.inf}, "noise must be 0 or more and finite"),
         ({"height": -0.04}, "height must be finite and differ from that of the other end"),
-        ({"other": math.inf}, "height must be finite and differ"),
+        ({"other_height": math.inf}, "height must be finite and differ"),
         ({"contour": SideContour(*(one[:2] for one in RING))}, "at least 3, got 2"),
         ({"contour": RING._replace(normals=RING.normals[:3])}, "contour.normals must"),
         ({"contour": RING._replace(contact_high=RING[3][:3])}, "contour.contact_high must"),
         ({"contour": RING._replace(contact_low=np.nan * RING[2])}, "contact_low must be finite"),
     ],
 )
-def test_what_cannot_be_an_end_is_refused(change, words):
+def test_invalid_end_observation_is_refused(change, words):
     with pytest.raises(ValueError, match=words):
         replace(END, **change)

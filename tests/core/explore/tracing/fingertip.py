@@ -84,7 +84,7 @@ def scripted(pad: Pad, *arcs: SliceArc | None) -> Stepped:
 
 
 def repeated(
-    pad: Pad, *arcs: SliceArc | None, with_: SliceArc | None, most: int = 60, first: bool = False
+    pad: Pad, *arcs: SliceArc | None, answer: SliceArc | None, most: int = 60, first: bool = False
 ) -> tuple[list[TouchCommand], Trace, TouchCommand | tracing.TraceStatus]:
     """All further commands if each is answered with the same: to the end, or to the first arc."""
     trace, command = scripted(pad, *arcs)
@@ -93,7 +93,7 @@ def repeated(
         if first and trace.path is not None:
             break
         commands.append(command)
-        trace, command = next_command(pad, after_touch(trace, with_))
+        trace, command = next_command(pad, after_touch(trace, answer))
     return commands, trace, command
 
 
@@ -120,7 +120,7 @@ def wall(*places: float, x: float = 0.03) -> SliceArc:
 
 
 def missed(*, above: int = 0, below: int = 9, slope: float = 0.0, rise: float = 0.0) -> SliceArc:
-    """A touch beside the slice, `rise` above it, with so many taxels above and below it."""
+    """A touch beside the slice, `rise` above it [m], with numbers of taxels above and below."""
     nearest, none = np.array([0.03, 0.0, rise]), np.zeros((0, 3))
     arc = arc_of(none, none, slope=slope, nearest=nearest)
     return arc._replace(pad=nearest, above=above, below=below)

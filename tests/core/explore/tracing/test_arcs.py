@@ -62,7 +62,7 @@ def test_arc_of_ball_lies_on_it_and_runs_counterclockwise(pad, heading, tilt, he
     assert np.abs(RADIUS - np.linalg.norm(arc.points, axis=1)).max() < ROW_BIAS
     assert np.allclose(arc.normals, arc.points / RADIUS, atol=2e-3)
     assert np.allclose(np.linalg.norm(arc.normals, axis=1), 1.0, atol=1e-14)
-    assert np.allclose(arc.across, 1.0 / RADIUS, rtol=0.05)
+    assert np.allclose(arc.curvatures, 1.0 / RADIUS, rtol=0.05)
     turns = azimuths(arc.points)
     assert (np.diff(turns) > 0.0).all()
     assert math.remainder(turns.mean() - heading, 2.0 * math.pi) == pytest.approx(0.0, abs=1e-9)
@@ -73,7 +73,7 @@ def test_arc_of_ball_lies_on_it_and_runs_counterclockwise(pad, heading, tilt, he
 def test_uncovered_slice_has_no_arc_but_slope_and_nearest_point():
     arc = ball_arc(FLAT, 0.0, 0.0, 0.012)
     assert arc.points.shape == arc.normals.shape == (0, 3)
-    assert arc.across.shape == arc.low.shape == arc.high.shape == (0,)
+    assert arc.curvatures.shape == arc.low.shape == arc.high.shape == (0,)
     assert (arc.above, arc.below > 100) == (0, True)
     # The contact of a press of 1 mm is 7.7 mm high on either side: its upper end is nearest.
     assert arc.nearest[2] == pytest.approx(7.5e-3, abs=1e-6)
@@ -86,7 +86,7 @@ def test_slope_is_that_of_surface_nearest_to_slice():
     assert level(0.25 * Y).slope == 0.0  # without a jet
     bent = level(np.where(Y < -2e-3, 0.5, 0.1) * Y, height=0.02)
     assert bent.slope == pytest.approx(0.5)
-    for row, sign in ((0, 1.0), (15, -1.0)):  # one row tells only to which side it leans
+    for row, sign in ((0, 1.0), (15, -1.0)):  # one row shows only to which side it leans
         touched = rows(row, row)
         touched[:, :3] = touched[:, 9:] = False
         arc = level(NONE, touched)
@@ -99,7 +99,7 @@ def test_taxels_above_and_below_are_counted_and_untouched_bear_no_arc():
     touched[:, 5:9] = False
     arc = level(NONE, touched, height=2e-3)
     assert np.allclose(arc.normals, [1.0, 0.0, 0.0], atol=1e-15)  # without a jet the pad's own
-    assert (arc.across == 0.0).all()
+    assert (arc.curvatures == 0.0).all()
     above = touched & (-Y > 2e-3)  # rows run downwards
     assert (arc.above, arc.below) == (above.sum(), (touched & ~above).sum())
     assert len(arc.points) == 12

@@ -43,7 +43,7 @@ def command_after(pad: Pad, *arcs: SliceArc | None) -> TouchCommand:
     return command
 
 
-def test_absent_object_is_sought_from_eight_sides():
+def test_absent_object_is_approached_from_eight_sides():
     wanted = TraceGoal(0.05, np.array([0.01, -0.02]), 0.1, 150)
     run = fingertip.follow(FLAT, wanted, lambda command: None)
     assert (run.status, run.trace.touches) == ("no_contact", 8)
@@ -66,20 +66,20 @@ def test_walk_follows_leaning_surface_to_slice_and_never_to_pole():
     assert command.place == pytest.approx([0.03 - 5e-3 * 0.5, 0.0], abs=1e-9)
     for slope in (-50.0, 50.0):
         askew = missed(slope=slope, rise=0.02)
-        tilts = [one.posture.tilt for one in repeated(FLAT, askew, with_=askew, most=8)[0]]
+        tilts = [one.posture.tilt for one in repeated(FLAT, askew, answer=askew, most=8)[0]]
         tilts = np.abs([one for one in tilts if one != pytest.approx(math.pi / 2)])
         assert 1.3 < tilts.max() < 1.5
 
 
 def test_bridge_is_searched_deeper_in_postures_one_of_which_is_kept():
-    commands, *_ = repeated(FLAT, BRIDGED, BRIDGED, with_=None, most=9)
-    assert all(one.posture.depth > TOUCH_DEPTH and one.posture.frozen for one in commands)
+    commands, *_ = repeated(FLAT, BRIDGED, BRIDGED, answer=None, most=9)
+    assert all(one.posture.depth > TOUCH_DEPTH and one.posture.is_kept for one in commands)
     postures = {(round(one.posture.tilt, 9), round(one.posture.shift, 9)) for one in commands}
     shifts = sorted({shift for _, shift in postures})
     assert len(postures) == 9
     assert shifts == pytest.approx([-shifts[2], 0.0, shifts[2]]) and 0.8 * HALF < shifts[2] < HALF
     trace, command = scripted(FLAT, BRIDGED, BRIDGED, None, wall(-1e-3, 0.0, 1e-3))
-    assert command.posture == trace.posture == commands[1].posture._replace(contact=1e-3)
+    assert command.posture == trace.posture == commands[1].posture._replace(half_contact=1e-3)
     assert np.linalg.norm(command.place - [0.03, 1e-3]) < 1e-3 + 0.5 * 2e-3 + 1e-9
 
 
@@ -135,7 +135,7 @@ def test_joined_arc_adds_what_lies_ahead_and_widens_bands_behind():
 
 
 def test_miss_turns_both_ways_hops_ahead_and_comes_back_from_outside():
-    (_, *rest), _, status = repeated(FLAT, FACE, with_=None)
+    (_, *rest), _, status = repeated(FLAT, FACE, answer=None)
     corner = [one for one in rest if one.standoff > 0.0]
     turns = np.degrees([one.heading for one in corner])
     assert turns[0] > 0.0 and 90.0 <= turns.max() <= 110.0 and -60.0 <= turns.min() <= -40.0
@@ -154,12 +154,12 @@ def test_miss_turns_both_ways_hops_ahead_and_comes_back_from_outside():
     assert end.normal_azimuth == pytest.approx(math.pi / 2)
 
 
-def test_lost_contour_is_sought_round_and_stretch_before_it_probed():
+def test_lost_contour_is_reacquired_and_gap_before_it_probed():
     half = circle(0.03, 0.0, math.pi, 94)
     answers: list[SliceArc | None] = [half]
     while command_after(FLAT, *answers).standoff > 0.0:
         answers.append(None)
-    commands, _, status = repeated(FLAT, *answers, with_=None)
+    commands, _, status = repeated(FLAT, *answers, answer=None)
     headings = [one.heading for one in commands]
     assert headings == pytest.approx(math.pi + math.radians(30.0) * np.arange(1, 7))
     assert status == "stuck"
@@ -172,7 +172,7 @@ def test_lost_contour_is_sought_round_and_stretch_before_it_probed():
     assert gap.extent == pytest.approx(2.0 * 0.03 * math.sin(0.225)) and gap.reason == "missed"
 
 
-def test_gap_is_probed_in_its_middle_until_closed_or_left():
+def test_gap_is_probed_in_middle_until_closed_or_kept():
     assert scripted(FLAT, wall(0.0, 1e-3, 2.8e-3))[0].path is not None  # these points join
     probe = command_after(FLAT, wall(0.0, 0.006))
     assert probe.place == pytest.approx([0.03, 0.003])
@@ -196,7 +196,7 @@ def test_edge_of_pad_comes_down_wall_of_gap_with_body_outside():
     ends, turn = np.array([[0.03, -0.004], [0.03, 0.004]]), 0.7  # of the walls against the chord
     normals = np.array([[math.cos(turn), side * math.sin(turn)] for side in (1.0, -1.0)])
     rim = arc_of(ends, normals)
-    (_, deep, *probes), trace, _ = repeated(FLAT, rim, with_=rim, first=True)
+    (_, deep, *probes), trace, _ = repeated(FLAT, rim, answer=rim, first=True)
     [gap] = trace.gaps
     assert (gap.reason, len(trace.path.points)) == ("bridged", 2)
     [depth] = {one.posture.depth for one in (deep, *probes)}

@@ -94,7 +94,7 @@ def test_contour_closes_on_surface_in_few_touches(name, height, pad, most, error
     assert run.trace.touches == len(run.commands) <= most
     assert np.abs(SOLIDS[name][1](points)).max() < error
     assert np.allclose(points[:, 2], height, rtol=0, atol=1e-13)
-    assert 0.0 < steps_of(points).max() <= SliceSpec(pad, height).joined
+    assert 0.0 < steps_of(points).max() <= SliceSpec(pad, height).max_spacing
     turns = azimuths(points - points.mean(axis=0))
     assert turns[-1] - turns[0] == pytest.approx(2.0 * math.pi, abs=0.25)
     assert np.diff(turns).min() > -0.02
@@ -111,7 +111,7 @@ def test_ball_has_circles_length_normals_curvature_and_bands(height, pad):
     path, level = run.trace.path, math.sqrt(RADIUS**2 - height**2)
     assert steps_of(path.points).sum() == pytest.approx(2.0 * math.pi * level, rel=3e-3)
     assert np.allclose(path.normals, path.points / RADIUS, atol=0.03)
-    assert np.median(path.across) == pytest.approx(1.0 / RADIUS, rel=0.02)
+    assert np.median(path.curvatures) == pytest.approx(1.0 / RADIUS, rel=0.02)
     assert np.sign(run.trace.posture.tilt) == np.sign(height)
     # A contact is this high on the ball; a flat pad's ends at its edge, seen under its tilt.
     contact = math.sqrt(2.0 * tracing.TOUCH_DEPTH / (1.0 / RADIUS + pad.dome))
@@ -123,7 +123,7 @@ def test_ball_has_circles_length_normals_curvature_and_bands(height, pad):
 @pytest.mark.parametrize(("height", "pad"), [(-0.018, FLAT), (0.018, DOMED)])
 def test_repeated_step_gives_same_and_changes_nothing(height, pad):
     run = traced("ball", height, pad)
-    contour = Trace(run.trace.slice)
+    contour = Trace(run.trace.goal)
     for command, arc in zip(run.commands, run.arcs, strict=True):
         before = contour.touches, len(contour.arcs_since), contour.path
         stepped, first = next_command(pad, contour)
@@ -154,7 +154,7 @@ def test_search_tilts_pad_to_surface_without_overshoot(share):
     tilts = np.sign(share) * np.array([one.posture.tilt for one in commands])
     assert tilts[0] == 0.0 and (np.diff(tilts) >= 0.0).all()
     assert len(tilts) == (1 if share == 0.0 else 2) or (abs(share) > 0.5 and len(tilts) <= 7)
-    if 0.0 < abs(share) < 0.5:  # touched askew at first: once more, and no oftener
+    if 0.0 < abs(share) < 0.5:  # touched askew at first: exactly once more
         assert tilts[1] == pytest.approx(math.asin(abs(share)), abs=0.02)
     assert 0.5 * math.asin(abs(share)) <= tilts.max() < math.asin(abs(share)) + 0.02
 
@@ -183,13 +183,13 @@ def test_slice_that_cannot_be_met_ends_with_its_reason(shape, height, pad, statu
     + [(0.0, Pad(16, 16, 2.7e-3, 3e-3, 25.0, 0.8), 0.1), (-0.97 * RADIUS, FLAT, 0.1)],
     ids=["start inside", "small pad", "large pad", "near the pole"],
 )
-def test_odd_start_pad_and_height_still_close(height, pad, radius):
+def test_unusual_start_pad_and_height_still_close(height, pad, radius):
     run = trace(BALL, pad, height, radius=radius)
     assert (run.status, run.trace.gaps) == ("closed", ())
     assert np.allclose(np.linalg.norm(run.points, axis=1), RADIUS, atol=50e-6)
 
 
-def test_other_part_of_slice_is_not_mixed_in():
+def test_contour_keeps_to_one_of_two_bodies():
     both = lambda origins, *ray: np.minimum(  # noqa: E731
         BALL.cast(origins, *ray), BALL.cast(origins - [0.09, 0.0, 0.0], *ray)
     )
@@ -199,7 +199,7 @@ def test_other_part_of_slice_is_not_mixed_in():
     assert np.allclose(np.linalg.norm(run.points - middle, axis=1), RADIUS, atol=10e-6)
 
 
-def test_trembling_hand_closes_box_in_few_touches():
+def test_noisy_places_close_box_in_few_touches():
     rng, exact = np.random.default_rng(1), press(BOX, DOMED, 0.01)
 
     def answer(command: TouchCommand) -> tracing.SliceArc | None:
@@ -216,4 +216,4 @@ def test_narrow_slot_is_gap_there_and_nowhere_else():
     ends = np.array([end for gap in run.trace.gaps for end in (gap.start, gap.end)])
     assert {gap.reason for gap in run.trace.gaps} == {"bridged"}
     assert ends[:, 0].max() < -0.018 and np.abs(ends[:, 1]).max() < 0.006
-    assert (steps_of(run.points) > SliceSpec(DOMED, 0.0).joined).sum() == len(run.trace.gaps)
+    assert (steps_of(run.points) > SliceSpec(DOMED, 0.0).max_spacing).sum() == len(run.trace.gaps)
