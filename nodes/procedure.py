@@ -6,6 +6,7 @@ the fingers and the hand, and its findings messages. Moves of several fingers be
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Annotated, Any
@@ -16,14 +17,12 @@ from msgspec import Meta, Struct
 from palpate.core.explore import spanned_places
 from palpate.core.poses import IDENTITY_POSE, Pose
 from palpate.core.procedures import (
-    ANGLE_ERROR,
-    POINT_ERROR,
     Contact,
     Findings,
     FingerMove,
     HandContacts,
     Session,
-    TouchSetting,
+    TouchSetup,
     begin_procedure,
     procedure_of,
 )
@@ -39,7 +38,7 @@ if TYPE_CHECKING:
         ConePoseFit,
         FoundOpenings,
         HandMove,
-        Met,
+        MoveResult,
     )
     from palpate.core.rebuild.recovery import Recovery
 
@@ -58,8 +57,8 @@ class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     most_touches: Annotated[int, Meta(ge=1, le=100_000)] = 1000  # Touches that may be made
     # Standard deviation of a finger's place along each axis, m: what is three times as far off a
     # model refutes it.
-    point_error: Metres = POINT_ERROR
-    angle_error: Radians = ANGLE_ERROR  # Standard deviation of how a finger is turned, rad
+    point_error: Metres = 0.1e-3
+    angle_error: Radians = math.radians(0.1)  # Standard deviation of how a finger is turned, rad
 
     def __post_init__(self) -> None:
         try:
@@ -75,7 +74,7 @@ class State:
     world: types.World | None = None
     info: types.SensorInfo | None = None
     session: Session | None = None  # The procedure; None until world and sensor are known
-    results: tuple[Met, ...] = ()  # What its moves met
+    results: tuple[MoveResult, ...] = ()  # What its moves met
     # Finger to what its move has met, while others are still under way.
     pending: Mapping[int, types.SurfacePatch] = field(default_factory=dict)
     under_way: int = 0  # Fingers that move
@@ -99,7 +98,7 @@ def know_world(params: Params, state: State, world: types.World) -> tuple[State,
 def _begin(params: Params, state: State) -> tuple[State, Outputs]:
     if state.world is None or state.info is None or state.session is not None:
         return state, []
-    setting = TouchSetting(
+    setup = TouchSetup(
         pad=pad_of_info(state.info),
         noise=state.info.noise,
         platform=state.world.platform,
@@ -108,7 +107,7 @@ def _begin(params: Params, state: State) -> tuple[State, Outputs]:
         point_error=params.point_error,
         angle_error=params.angle_error,
     )
-    session = begin_procedure(params.procedure, params.settings, setting)
+    session = begin_procedure(params.procedure, params.settings, setup)
     return _go_on(params, replace(state, session=session))
 
 
@@ -135,7 +134,7 @@ def take_patch(params: Params, state: State, patch: types.SurfacePatch) -> tuple
 
 def _probe(state: State, patch: types.SurfacePatch, contact: Contact) -> types.Probe:
     """What a finger met, for whoever follows the exploration."""
-    point = contact.middle if contact.met else patch.pose[:3]
+    point = contact.middle if contact.is_hit else patch.pose[:3]
     number = MAX_FINGERS * patch.goal + patch.finger
     return types.Probe(
         id=number,
