@@ -243,9 +243,9 @@ def _solved(
                 reason = f"the apex is on the plane of {feature.name}, within its error"
                 return None, f"{reason}: it is no cone"
     angles = tuple(radius.half_angle for radius in scaled_radii(placed, orientation, origin))
-    names = tuple(item.name for item in kept)
+    readings = tuple(item.name for item in kept)
     residual = residual_sigma(orientation, origin)
-    return ConePoseFit(orientation, origin, tuple(placed), angles, names, residual), ""
+    return ConePoseFit(orientation, origin, tuple(placed), angles, readings, residual), ""
 
 
 def _names(features: Iterable[Feature]) -> str:

@@ -1,4 +1,4 @@
-"""Laws of (4.25): solved where points determine the control points, refused where they do not."""
+"""Laws of (4.25): solved where points determine the control points, else refused."""
 
 import numpy as np
 import pytest
@@ -16,14 +16,16 @@ def deformed() -> SplineVolume:
     return SplineVolume(rng.normal(size=(*SHAPE, 3)), bases)
 
 
-def test_points_within_a_lattice_give_it_back():
+def test_points_inside_lattice_recover_control_points():
     volume, triples = deformed(), rng.random((2000, 3))
-    found = solve_control_points(volume.at(triples), triples, SHAPE)
-    assert np.allclose(found.volume.control, volume.control, rtol=0, atol=1e-14 * found.condition)
-    assert found.condition < 1e5 and found.rms < 1e-12
+    solution = solve_control_points(volume.at(triples), triples, SHAPE)
+    assert np.allclose(
+        solution.volume.control, volume.control, rtol=0, atol=1e-14 * solution.condition
+    )
+    assert solution.condition < 1e5 and solution.rms < 1e-12
 
 
-def test_noise_is_spread_by_no_more_than_the_condition():
+def test_noise_is_amplified_by_condition_at_most():
     volume, triples = deformed(), rng.random((4000, 3))
     noise = 1e-6 * rng.normal(size=(4000, 3))
     exact, noisy = (
@@ -34,7 +36,7 @@ def test_noise_is_spread_by_no_more_than_the_condition():
     assert noisy.rms == pytest.approx(np.sqrt(3.0) * 1e-6, rel=0.1)
 
 
-def test_points_of_a_surface_do_not_determine_what_is_within():
+def test_surface_points_do_not_determine_lattice():
     solid = rebuild_thesis(vase(9, 40))  # 5 by 5 by 9 control points, as in the thesis
     triples = solid.parameters.reshape(-1, 3)
     with pytest.raises(ValueError, match=r"condition number \S+ for 225 control points") as caught:
@@ -46,7 +48,7 @@ def test_points_of_a_surface_do_not_determine_what_is_within():
     (100, (4, 4, 3), "at least 4, got"),
     (60, (4, 4, 4), "as many points as control points, 64, got 60"),
 ])  # fmt: skip
-def test_too_little_is_refused(count, shape, words):
+def test_too_few_points_raise(count, shape, words):
     points = rng.random((count, 3))
     with pytest.raises(ValueError, match=words):
         solve_control_points(points, points, shape)
