@@ -217,9 +217,9 @@ def _solved(
     """The cone of features of unknown places; or None and the reason, in a sentence."""
     compared = features[: settings.n_compared]
     assigned = interpretations(compared, angle_noise=noise[0], position_noise=noise[1])
-    standing = [assignment for assignment in assigned if assignment.stands]
+    standing = [assignment for assignment in assigned if assignment.is_possible]
     if not standing:
-        refusals = "; ".join(assigned[0].refusals)
+        refusals = "; ".join(assigned[0].violations)
         return None, f"no cone has {_names(compared)} as they were touched: {refusals}"
     solved = [item for item in standing if item.orientation is not None and item.origin is not None]
     if not solved:
@@ -307,7 +307,7 @@ def _all_placed(
         assigned = interpretations(
             [*placed[: n_compared - 1], feature], angle_noise=noise[0], position_noise=noise[1]
         )
-        standing = [assignment for assignment in assigned if assignment.stands]
+        standing = [assignment for assignment in assigned if assignment.is_possible]
         if standing:
             placed.append(replace(feature, place=standing[0].features[-1].place))
         elif feature.group in CLEAR_GROUPS:
