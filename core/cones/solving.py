@@ -226,7 +226,7 @@ def _free_axis_reason(features: Sequence[Feature], fit: AxisFit) -> str:
     elif len(ends) == 2:
         why = "two vertices, or an edge and a vertex of the other end, leave it free to turn"
     else:
-        why = "what was touched of the ends lies along one direction"
+        why = "the touched features of the ends lie along one direction"
     known = fit.error <= math.pi
     spread = f" (known to {math.degrees(fit.error):.3g} degrees)" if known else ""
     return f"the axis is free: {why}: {names}{spread}"

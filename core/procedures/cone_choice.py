@@ -39,10 +39,9 @@ class ConeChoiceSettings:
     end_cost: float = 0.2  # [standard deviations] per contact that an axis assigns to an end
     n_first_harmonics: int = 3  # of a section, for the first contacts
     max_gap: float = math.radians(40.0)  # [rad] untouched about the axis, if not of revolution
-    # A simpler kind is chosen if its residual is at most so many times that of the best kind,
-    # plus so many standard deviations.
-    max_rms_ratio: float = 1.25
-    rms_tolerance: float = 0.2
+    # A simpler kind is chosen if its residual does not exceed the sum of these two.
+    max_rms_ratio: float = 1.25  # times the residual of the best kind
+    rms_tolerance: float = 0.2  # [standard deviations]
     rim_width: float = 0.3  # fraction of the pad's width; a touch there may reach over the rim
     min_touch_points: int = 12  # of a touch: with fewer it is left out
     min_touches: int = 4  # of a fit

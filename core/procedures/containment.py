@@ -2,7 +2,7 @@
 
 Allen's first exploratory procedure (Fung, 1999, 1.4.3.2): 30 to 100 contacts from several poses of
 the hand, to which Solina and Bajcsy's superquadric is fitted, tapered and bent. In the text the
-user chooses the poses; here each closing is where it is expected to tell most, and a fit is
+user chooses the poses; here each closing is where most is expected to be learned, and a fit is
 accepted once it predicts contacts that it was not fitted to.
 """
 

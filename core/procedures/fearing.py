@@ -66,7 +66,7 @@ class FearingSettings:
     min_curved: int = 2  # touches that are curved both ways, which show that it is no cone
     max_relative_error: float = 0.25  # of a curvature difference that defines a direction
     n_compared: int = 5  # features whose places are assigned in all ways
-    residual_tolerance: float = 0.5  # [standard deviations] of interpretations as good as the best
+    residual_tolerance: float = 0.5  # [standard deviations] over the best interpretation
     same_axis: float = math.radians(3.0)  # [rad] between the axes of one cone
     same_apex: float = 5.0e-3  # [m] between the apices of one cone
 
@@ -118,9 +118,7 @@ def _findings(
         return Findings(status="unsuited", reason=reason)
     count = len(fit.interpretations)
     if count == 1 and not is_confirmed:
-        reason = (
-            "no cone has all of it: elsewhere on its sides no feature of the same cone is touched"
-        )
+        reason = "no cone fits all touches: elsewhere on the sides the same cone is not touched"
         return Findings(status="unsuited", reason=reason)
     figures, names = _figures(fit), " ".join(feature.name for feature in fit.features)
     if fit.residual_sigma > setup.common.max_rms:
@@ -217,19 +215,19 @@ def _solved(
     """The cone of features of unknown places; or None and the reason, in a sentence."""
     compared = features[: settings.n_compared]
     assigned = interpretations(compared, angle_noise=noise[0], position_noise=noise[1])
-    standing = [assignment for assignment in assigned if assignment.is_possible]
-    if not standing:
-        refusals = "; ".join(assigned[0].violations)
-        return None, f"no cone has {_names(compared)} as they were touched: {refusals}"
-    solved = [item for item in standing if item.orientation is not None and item.origin is not None]
+    possible = [assignment for assignment in assigned if assignment.is_possible]
+    if not possible:
+        violated = "; ".join(assigned[0].violations)
+        return None, f"no cone has {_names(compared)} as they were touched; violated: {violated}"
+    solved = [item for item in possible if item.orientation is not None and item.origin is not None]
     if not solved:
-        return None, _missing_reason(standing[0], noise)
+        return None, _missing_reason(possible[0], noise)
     max_residual = solved[0].residual_sigma + settings.residual_tolerance
     kept = _distinct([item for item in solved if item.residual_sigma <= max_residual], settings)
     placed = _all_placed(kept[0], features, noise, settings.n_compared)
     if placed is None:
         names = _names(kept[0].features)
-        return None, f"no cone has all of it: what else was touched is not on that of {names}"
+        return None, f"no cone fits all touches: further ones are not on the cone of {names}"
     try:
         orientation, origin = solve_orientation(placed, *noise), solve_origin(placed, *noise)
     except InsufficientFeaturesError as error:
@@ -266,11 +264,11 @@ def _angle_noise(setup: TouchSetup, contacts: list[Contact], settings: FearingSe
     return math.hypot(setup.angle_error, rms, settings.min_error)
 
 
-def _missing_reason(standing: Interpretation, noise: Noise) -> str:
+def _missing_reason(possible: Interpretation, noise: Noise) -> str:
     """Why a possible interpretation does not determine a cone."""
     try:
-        solve_orientation(standing.features, *noise)
-        solve_origin(standing.features, *noise)
+        solve_orientation(possible.features, *noise)
+        solve_origin(possible.features, *noise)
     except InsufficientFeaturesError as error:
         return str(error)
     return "neither axis nor apex follow"
@@ -307,9 +305,9 @@ def _all_placed(
         assigned = interpretations(
             [*placed[: n_compared - 1], feature], angle_noise=noise[0], position_noise=noise[1]
         )
-        standing = [assignment for assignment in assigned if assignment.is_possible]
-        if standing:
-            placed.append(replace(feature, place=standing[0].features[-1].place))
+        possible = [assignment for assignment in assigned if assignment.is_possible]
+        if possible:
+            placed.append(replace(feature, place=possible[0].features[-1].place))
         elif feature.group in CLEAR_GROUPS:
             return None
     return placed

@@ -94,7 +94,7 @@ def follower(setup: TouchSetup, settings: FollowerSettings = FollowerSettings())
         return Findings(status="unsuited", reason="thumb and index do not both touch its sides")
     axis = best_axis(setup, [contact for pair in pairs for contact in pair], choice)
     if axis is None:
-        return Findings(status="unsuited", reason="no axis is found in what thumb and index touch")
+        return Findings(status="unsuited", reason="no axis fits the contacts of thumb and index")
     followed = yield from _along_axis(setup, axis, settings)
     if len(followed) < settings.min_pairs:
         reason = f"thumb and index touch its sides at {len(followed)} heights only"

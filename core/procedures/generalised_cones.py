@@ -35,9 +35,9 @@ class ConeFitSettings:
     min_knots: int = 4
     max_knots: int = 80
     n_harmonics: int = 8  # of a free section
-    max_touch_points: int = 40  # of a touch that are used, about
-    smoothing: float = 1e-4  # weight of second differences, as a fraction of that of all points
-    max_slope: float = 5.0  # of the profile, in the ratio of radial offset and distance
+    n_touch_points: int = 40  # that are used of a larger touch, up to twice as many
+    smoothing: float = 1e-4  # weight of second differences over that of all points
+    max_slope: float = 5.0  # of the profile, in the conversion of radial offsets to distances
     max_steps: int = 30
     initial_damping: float = 1e-3  # fraction of a column's mean square
     damping_factor: float = 10.0  # of a change of the damping
@@ -89,7 +89,7 @@ def fit_cone(
     """
     if len(touches) < 4:
         raise ValueError(f"a cone needs 4 touches, got {len(touches)}")
-    thinned = [touch[:: max(len(touch) // settings.max_touch_points, 1)] for touch in touches]
+    thinned = [touch[:: max(len(touch) // settings.n_touch_points, 1)] for touch in touches]
     points = np.concatenate(thinned)
     numbers = np.repeat(np.arange(len(thinned)), list(map(len, thinned)))
     cone = _initial_cone(points, kind, point, axis, settings)
@@ -130,8 +130,8 @@ def _initial_cone(
     rows, smoothing = _profile(start, heights)[0], settings.smoothing
     rough = smoothing * math.sqrt(len(rows)) * _roughness(start)[:, 4 : 4 + count]
     rows = np.vstack([rows, rough, smoothing**2 * np.eye(count)])
-    wanted = np.concatenate([radii, np.zeros(len(rows) - len(radii))])
-    return start._replace(profile=least_squares(rows, wanted))
+    targets = np.concatenate([radii, np.zeros(len(rows) - len(radii))])
+    return start._replace(profile=least_squares(rows, targets))
 
 
 def _polar(cone: ConeFit, points: Floats) -> tuple[Floats, Floats, Floats]:
@@ -228,13 +228,13 @@ def _damped_step(
     sizes = np.sqrt(np.mean(jacobian**2, axis=0)) + 1e-12
     damped = np.diag(math.sqrt(damping * len(offsets)) * sizes)
     rows = np.vstack([jacobian, rough, damped])
-    wanted = np.concatenate([-offsets, -held, np.zeros(len(damped))])
-    return np.asarray(least_squares(rows / sizes, wanted) / sizes)
+    targets = np.concatenate([-offsets, -held, np.zeros(len(damped))])
+    return np.asarray(least_squares(rows / sizes, targets) / sizes)
 
 
-def least_squares(rows: Floats, wanted: Floats) -> Floats:
+def least_squares(rows: Floats, targets: Floats) -> Floats:
     """The solution (k,) of a system of full rank, by QR."""
-    factor = np.asarray(np.linalg.qr(np.column_stack([rows, wanted]), mode="r"))
+    factor = np.asarray(np.linalg.qr(np.column_stack([rows, targets]), mode="r"))
     count = rows.shape[1]
     return np.asarray(np.linalg.solve(factor[:count, :count], factor[:count, count]))
 
@@ -267,10 +267,10 @@ def _with_errors(
     jacobian = _jacobian(cone, points, settings)
     counts = np.bincount(numbers)
     # The points of a touch share its error, so that all together have the weight of one.
-    weighed = jacobian / (sigma * np.sqrt(counts[numbers]))[:, None]
+    weighted = jacobian / (sigma * np.sqrt(counts[numbers]))[:, None]
     rough = settings.smoothing * math.sqrt(len(counts)) / sigma * _roughness(cone)
-    sizes = np.sqrt(np.mean(weighed**2, axis=0)) + 1e-12
-    inverse = np.linalg.pinv(np.vstack([weighed, rough]) / sizes)
+    sizes = np.sqrt(np.mean(weighted**2, axis=0)) + 1e-12
+    inverse = np.linalg.pinv(np.vstack([weighted, rough]) / sizes)
     spread = np.sqrt((inverse**2).sum(axis=1)) / sizes
     by_touch = np.sqrt(np.bincount(numbers, offsets**2) / counts)
     return cone._replace(

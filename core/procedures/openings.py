@@ -38,6 +38,18 @@ OpeningKind = Literal["hole", "cavity", "open"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class EntrySettings:
+    """How a finger that stands on the rim of an opening is moved until it enters."""
+
+    rim_offset: float = 0.2  # fraction of the pad's width, of a contact from the pad's middle
+    hole_distance: float = 1.5  # times that offset, from the pad's middle to the opening
+    min_side_cosine: float = 0.9  # between a contact's outward normal and that of a side
+    merge_distance: float = 0.75  # fraction of the pad's width, between places of one opening
+    shift: float = 0.4  # fraction of a contact's offset from the pad's middle
+    max_shifts: int = 5
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class OpeningSettings:
     """When free space inside the convex hull is an opening, and of which kind."""
 
@@ -52,18 +64,7 @@ class OpeningSettings:
     max_hole_cosine: float = 0.5  # between the normals of a hole's mouths
     bottom_distance: float = 9.0e-3  # [m] of a bottom, behind and beside the deepest free place
     min_width: float = 4.0e-3  # [m] of a hole in a tactile image
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class EntrySettings:
-    """How a finger that stands on the rim of an opening is moved until it enters."""
-
-    rim_offset: float = 0.2  # fraction of the pad's width, of a contact from the pad's middle
-    hole_distance: float = 1.5  # times that offset, from the pad's middle to the opening
-    min_side_cosine: float = 0.9  # between a contact's outward normal and that of a side
-    merge_distance: float = 0.75  # fraction of the pad's width, between places of one opening
-    shift: float = 0.4  # fraction of a contact's offset from the pad's middle
-    max_shifts: int = 5
+    entry: EntrySettings = EntrySettings()
 
 
 class Opening(NamedTuple):
@@ -88,7 +89,6 @@ class _Survey:
 
     setup: TouchSetup
     settings: OpeningSettings
-    entry: EntrySettings
     swept: list[Floats] = field(default_factory=list)  # free places, (n, 3) each [m]
     points: list[Floats] = field(default_factory=list)  # touched points, (n, 3) each [m]
     # Untouched places between touched taxels, (n, 3) [m], and the outward normal there, (3,).
@@ -103,10 +103,7 @@ class _Survey:
 
 
 def openings(
-    setup: TouchSetup,
-    pitch: float = 0.7,
-    settings: OpeningSettings = OpeningSettings(),
-    entry: EntrySettings = EntrySettings(),
+    setup: TouchSetup, pitch: float = 0.7, settings: OpeningSettings = OpeningSettings()
 ) -> Exploration:
     """Probe from above and from four sides, and report the holes and cavities.
 
@@ -119,7 +116,7 @@ def openings(
     first = yield from touch_from_above(setup)
     if first is None:
         return Findings(status="incomplete", reason="nothing was touched within reach")
-    survey, step = _Survey(setup, settings, entry), pitch * setup.width
+    survey, step = _Survey(setup, settings), pitch * setup.width
     survey.points.append(first.points)
     yield from _from_above(survey, first.middle, step)
     yield from _from_sides(survey, step)
@@ -169,7 +166,7 @@ def _probe(survey: _Survey, move: FingerMove | None) -> Generator[Move, MoveResu
     """One guarded move; keeps the space that it sweeps, its contact, and a possible opening."""
     if move is None:
         return None
-    setup, entry = survey.setup, survey.entry
+    setup, entry = survey.setup, survey.settings.entry
     contact = yield from touch(setup, move)
     axis, is_stopped = move.pose.axes[:, 2], contact.outcome != "miss"
     if contact.outcome != "inside":
@@ -194,7 +191,8 @@ def _across_axis(vector: Floats, axis: Floats) -> Floats:
 
 def _probe_between_rims(survey: _Survey) -> Generator[Move, MoveResult, None]:
     """Probe again between the rims on which pads stood, to enter what was missed."""
-    (low, high), entry, margin = survey.extent(), survey.entry, survey.settings.min_depth
+    (low, high), settings = survey.extent(), survey.settings
+    entry, margin = settings.entry, settings.min_depth
     for outward in (UP, *SIDES):
         level = np.abs(outward) < 0.5
         least = entry.min_side_cosine
@@ -214,14 +212,14 @@ def _probe_until_inside(
     survey: _Survey, place: Floats, outward: Floats, extent: tuple[Floats, Floats]
 ) -> Generator[Move, MoveResult, None]:
     """Probe a place, shifted off the rim on which the pad stands until the pad enters."""
-    for _ in range(survey.entry.max_shifts):
+    for _ in range(survey.settings.entry.max_shifts):
         contact = yield from _probe(survey, _through_move(survey, place, outward, *extent))
         if contact is None or not contact.is_hit:
             return
         offset = _across_axis(contact.pose.position - contact.points.mean(axis=0), outward)
         if np.linalg.norm(offset) < survey.setup.pad.pitch:
             return
-        place = place + survey.entry.shift * offset
+        place = place + survey.settings.entry.shift * offset
 
 
 def _place_groups(places: Floats, max_step: float) -> list[Longs]:

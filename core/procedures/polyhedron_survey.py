@@ -1,4 +1,4 @@
-"""What is known of a convex polyhedron while a finger explores it: faces, and places to check."""
+"""State of the exploration of a convex polyhedron: its faces, and places to check."""
 
 from __future__ import annotations
 
@@ -110,7 +110,7 @@ class PolyhedronSurvey:
     @property
     def max_offset(self) -> float:
         """Largest distance of a face's points from its plane [m]."""
-        return max(self.settings.plane_sigmas * self.setup.sigma, self.max_rise)
+        return self.settings.plane_sigmas * self.setup.sigma
 
     @property
     def max_rise(self) -> float:

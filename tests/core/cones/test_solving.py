@@ -154,7 +154,7 @@ def degenerate(cone: Cone) -> dict[str, list[Feature]]:
     return {
         "the edges of top and bottom are parallel": [edge, replace(rim, direction=edge.direction)],
         "the edges lie on one line": [rim, shifted(rim, 0.01 * rim.direction)],
-        "what was touched of the ends lies along one direction": row,
+        "the touched features of the ends lie along one direction": row,
         "the vertices lie on the line of the edge": [edge, on_edge],
         "the meridians are parallel": [line, replace(other, direction=line.direction)],
         "the meridians are collinear": [line, shifted(line, 0.02 * line.direction)],
