@@ -95,17 +95,15 @@ def test_all_places_are_tried_and_possible_ones_come_first():
     touched = cones()[0].features(["F_B", "E_m", "E_T"], place=False)
     assigned = interpretations(touched)
     assert len(assigned) == 27
-    stands = [one.is_possible for one in assigned]
-    assert stands == sorted(stands, reverse=True)
+    possible = [item.is_possible for item in assigned]
+    assert possible == sorted(possible, reverse=True)
     for item in assigned:
         assert item.residual_sigma <= 3.0 if item.is_possible else item.violations
     turn, shift = Rotation.random(random_state=1).as_matrix(), np.array([0.1, -0.4, 0.2])
     assert possible_names(moved(touched, turn, shift)) == possible_names(touched)
     known = cones()[0].features(["F_T", "E_m"]) + cones()[0].features(["E_B"], place=False)
-    assigned = interpretations(known)
-    assert [one.name[:7] for one in assigned] == ["F_T E_m"] * 3 and assigned[
-        0
-    ].name == "F_T E_m E_B"
+    names = [item.name for item in interpretations(known)]
+    assert [name[:7] for name in names] == ["F_T E_m"] * 3 and names[0] == "F_T E_m E_B"
     vertex = Feature(group="V", point=np.zeros(3))
     assert possible_names([vertex]) == {"V_T", "V_B"}
 
@@ -124,10 +122,9 @@ def test_end_and_meridians_have_one_interpretation():
     for cone in cones()[:2]:
         for names in (["F_B", "P_m", "E_m", "F_S"], ["F_T", "F_B", "E_m", "E_m"]):
             assert possible_names(cone.features(names, place=False)) == {" ".join(names)}
-    assigned = named(interpretations(cones()[0].features(["F_T", "E_m", "P_m"])), "F_T E_m P_m")
-    assert assigned.is_possible and assigned.row.combination == "E_m E_m F_T"
-    assigned = named(interpretations(cones()[0].features(["F_T", "E_T", "E_m"])), "F_T E_T E_m")
-    assert assigned.is_possible and assigned.row is None
+    for names, row in ("F_T E_m P_m", row_of(["E_m", "E_m", "F_T"])), ("F_T E_T E_m", None):
+        item = named(interpretations(cones()[0].features(names.split())), names)
+        assert item.is_possible and item.row == row
 
 
 def violations(*features: Feature) -> tuple[str, ...]:
@@ -147,9 +144,9 @@ def test_violated_constraints_are_reported():
         outward = "a top face faces along the axis, and a bottom face against it"
         assert outward in upside_down or BELOW_APEX in upside_down
         aside = replace(line, point=line.point + 0.03 * np.cross(line.direction, other.direction))
-        assigned = interpretations([face, aside, other])[0]
-        assert "the equations of these places hold within the noise" in assigned.violations
-        assert assigned.residual_sigma > 3.0
+        item = interpretations([face, aside, other])[0]
+        assert "the equations of these places hold within the noise" in item.violations
+        assert item.residual_sigma > 3.0
         high = replace(line, point=cone.apex + 0.3 * cone.depths[0] * cone.ray(0.1))
         edges = cone.features(["E_T", "E_T"], normals=False)
         assert BETWEEN_ENDS in violations(*edges, cone.feature("V_B"), high)
@@ -181,11 +178,11 @@ def test_section_may_lie_beside_axis():
         cone = draw_cone(rng, beside=1.5)
         touched = cone.features(["F_T", "E_m", "E_m", "F_S", "F_S", "F_S"])
         assert interpretations(touched)[0].is_possible
-        assigned = interpretations(touched, section_holds_axis=True)[0]
-        assert all(one.startswith(words) for one in assigned.violations)
+        item = interpretations(touched, section_holds_axis=True)[0]
+        assert all(one.startswith(words) for one in item.violations)
         upward = all(one.normals[0] @ cone.axis > 0.0 for one in touched if one.place == "S")
-        assert assigned.is_possible or not upward
-        held.append(assigned.is_possible)
+        assert item.is_possible or not upward
+        held.append(item.is_possible)
     assert not all(held)
     for cone in cones()[:3]:
         touched = cone.features(["F_T", "F_S", "E_B"], place=False)
@@ -210,8 +207,8 @@ def test_uncertain_apex_violates_nothing():
         direction=np.array([0.0, 1.0, 0.0]),
         normals=np.array([[0.0, 0.0, 1.0], [c, 0.0, s]]),
     )
-    assigned = interpretations([*sides, edge])[0]
-    assert assigned.violations == () and assigned.origin is None
+    item = interpretations([*sides, edge])[0]
+    assert item.violations == () and item.origin is None
 
 
 @pytest.mark.parametrize(("times", "options", "words"), [

@@ -18,11 +18,9 @@ def deformed() -> SplineVolume:
 
 def test_points_inside_lattice_recover_control_points():
     volume, triples = deformed(), rng.random((2000, 3))
-    solution = solve_control_points(volume.at(triples), triples, SHAPE)
-    assert np.allclose(
-        solution.volume.control, volume.control, rtol=0, atol=1e-14 * solution.condition
-    )
-    assert solution.condition < 1e5 and solution.rms < 1e-12
+    fit = solve_control_points(volume.at(triples), triples, SHAPE)
+    assert np.allclose(fit.volume.control, volume.control, rtol=0, atol=1e-14 * fit.condition)
+    assert fit.condition < 1e5 and fit.rms < 1e-12
 
 
 def test_noise_is_amplified_by_condition_at_most():

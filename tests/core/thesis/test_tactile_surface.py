@@ -43,8 +43,7 @@ def test_derivatives_of_cubic_are_exact():
     ]
     assert fit.derivatives == pytest.approx(expected, rel=1e-9)
     # The quadric has height, slopes and bends of the spline at the middle of the contact.
-    at = np.array([x]), np.array([y])
-    jet = fit.jet
+    jet, at = fit.jet, (np.array([x]), np.array([y]))
     derivatives = (jet.height(*at), *jet.slopes(*at), *jet.second_derivatives(*at))
     assert np.ravel(derivatives) == pytest.approx([z, *expected], rel=1e-9)
 
