@@ -54,15 +54,33 @@ Residuals = Mapping[ConeKind, float]  # [m] root mean square, of each kind of co
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class FollowerSettings:
-    """How thumb and index find an axis and follow it, and which solid closes on their contacts."""
+class FirstPairSettings:
+    """Where thumb and index close before an axis is known."""
 
+    depths: tuple[float, ...] = (18.0e-3, 38.0e-3)  # [m] below the top
+    n_azimuths: int = 3  # at each depth; as many pairs must touch the sides
+    min_height: float = 0.3  # fraction of the top's height over the platform
+    clearance: float = 0.01  # [m] above the platform
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LeaningSettings:
+    """How pairs that are square to the profile touch the side beyond its ends."""
+
+    max_pairs: int = 8  # at each end
+    step: float = 0.25  # fraction of the pad's width, between two pairs
+    slope_distance: float = 0.5e-3  # [m] to both sides, over which the profile's slope is taken
+    max_slope: float = 4.0  # of the profile
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FollowerSettings:
+    """How thumb and index follow an axis, and which solid is fitted to their contacts."""
+
+    first: FirstPairSettings = FirstPairSettings()
+    leaning: LeaningSettings = LeaningSettings()
     choice: ConeChoiceSettings = DEFAULT_CONE_CHOICE
     ends: ConeEndSettings = DEFAULT_CONE_ENDS
-    first_depths: tuple[float, ...] = (18.0e-3, 38.0e-3)  # [m] of the first pairs below the top
-    n_first_azimuths: int = 3  # of the first pairs, at each depth; as many must touch the sides
-    first_height: float = 0.3  # fraction of the top's height over the platform, at least
-    first_clearance: float = 0.01  # [m] of the first pairs above the platform, at least
     max_opening: float = 0.9  # fraction of the fingers' reach, from which a finger closes
     ample_radius: float = 1.5  # times the expected radius, from which it closes first
     step: float = 0.45  # fraction of the pad's width, between two pairs along the axis
@@ -70,10 +88,6 @@ class FollowerSettings:
     max_pairs: int = 120
     min_pairs: int = 6  # that determine an axis and a profile
     n_turns: int = 12  # directions of a pair, tried where the platform is in the way
-    max_leaning_pairs: int = 8  # beyond each end of the side
-    leaning_step: float = 0.25  # fraction of the pad's width, between two leaning pairs
-    slope_distance: float = 0.5e-3  # [m] to both sides, over which a profile's slope is taken
-    max_slope: float = 4.0  # of a profile that leaning pairs follow
     max_axis_error: float = math.radians(1.0)  # [rad] beyond it a plane end gives the axis
     max_untouched: float = 3.0e-3  # [m] of height, beyond which an untouched part is reported
 
@@ -90,7 +104,7 @@ def follower(setup: TouchSetup, settings: FollowerSettings = FollowerSettings())
     if first is None:
         return Findings(status="incomplete", reason="nothing was touched within reach")
     pairs = yield from _first_pairs(setup, first.middle, settings)
-    if len(pairs) < settings.n_first_azimuths:
+    if len(pairs) < settings.first.n_azimuths:
         return Findings(status="unsuited", reason="thumb and index do not both touch its sides")
     axis = best_axis(setup, [contact for pair in pairs for contact in pair], choice)
     if axis is None:
@@ -104,7 +118,7 @@ def follower(setup: TouchSetup, settings: FollowerSettings = FollowerSettings())
     fit, residuals = best_cone(setup, touches, axis, choice)
     reason = misfit(setup, fit, residuals)
     if not reason and fit.kind != "linear":
-        touches += yield from _leaning(setup, fit, settings)
+        touches += yield from _leaning(setup, fit, settings.leaning)
         fit, residuals = best_cone(setup, touches, fit, choice)
         reason = misfit(setup, fit, residuals)
     if not reason and fit.kind != "revolution" and fit.axis_error > settings.max_axis_error:
@@ -174,14 +188,14 @@ def _first_pairs(
     setup: TouchSetup, top: Floats, settings: FollowerSettings
 ) -> Generator[Move, MoveResult, list[Pair]]:
     """Pairs all around, at several depths below the place that was touched from above."""
-    pairs, count = list[Pair](), settings.n_first_azimuths
-    lowest = setup.platform + settings.first_height * (top[2] - setup.platform)
-    for number, depth in enumerate(settings.first_depths):
+    pairs, first, count = list[Pair](), settings.first, settings.first.n_azimuths
+    lowest = setup.platform + first.min_height * (top[2] - setup.platform)
+    for number, depth in enumerate(first.depths):
         height = max(top[2] - depth, lowest)
         for turn in range(count):
             azimuth = math.pi * (turn + 0.5 * number) / count
             direction = np.array([math.cos(azimuth), math.sin(azimuth), 0.0])
-            z = max(height, setup.platform + settings.first_clearance)
+            z = max(height, setup.platform + first.clearance)
             place, distance = np.array([top[0], top[1], z]), settings.max_opening * setup.reach
             pair = yield from _pair(setup, place, direction, distance)
             if pair is not None and all(contact.is_hit for contact in pair):
@@ -248,7 +262,7 @@ def _directions(frame: Floats, number: int, n_turns: int) -> Iterator[Floats]:
 
 
 def _leaning(
-    setup: TouchSetup, fit: ConeFit, settings: FollowerSettings
+    setup: TouchSetup, fit: ConeFit, settings: LeaningSettings
 ) -> Generator[Move, MoveResult, list[Floats]]:
     """Touches beyond both ends of the side, by a pair that is square to the profile there.
 
@@ -257,8 +271,8 @@ def _leaning(
     touches: list[Floats] = []
     for sign in (1.0, -1.0):
         end = fit.high if sign > 0.0 else fit.low
-        for number in range(settings.max_leaning_pairs):
-            height = end + sign * (number - 1) * settings.leaning_step * setup.width
+        for number in range(settings.max_pairs):
+            height = end + sign * (number - 1) * settings.step * setup.width
             angle = len(touches) * GOLDEN_ANGLE
             thumb = _square_move(setup, fit, height, angle, settings)
             index = _square_move(setup, fit, height, angle + math.pi, settings)
@@ -273,7 +287,7 @@ def _leaning(
 
 
 def _square_move(
-    setup: TouchSetup, fit: ConeFit, height: float, azimuth: float, settings: FollowerSettings
+    setup: TouchSetup, fit: ConeFit, height: float, azimuth: float, settings: LeaningSettings
 ) -> FingerMove | None:
     """The move square to the profile at a height [m] and azimuth [rad]; None if it is no side."""
     distance, standoff = settings.slope_distance, setup.common.standoff
