@@ -6,6 +6,7 @@ fingers and hand, and their findings into messages. Moves of several fingers beg
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Annotated, Any
@@ -16,14 +17,12 @@ from msgspec import Meta, Struct
 from palpate.core.explore import spanned_places
 from palpate.core.poses import IDENTITY_POSE, Pose
 from palpate.core.procedures import (
-    ANGLE_ERROR,
-    POINT_ERROR,
     Contact,
     Findings,
     FingerMove,
     HandContacts,
     Session,
-    TouchSetting,
+    TouchSetup,
     begin_procedure,
     procedure_of,
 )
@@ -39,7 +38,7 @@ if TYPE_CHECKING:
         ConePoseFit,
         FoundOpenings,
         HandMove,
-        Met,
+        MoveResult,
     )
     from palpate.core.rebuild.recovery import Recovery
 
@@ -56,8 +55,8 @@ class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     most_touches: Annotated[int, Meta(ge=1, le=100_000)] = 1000  # maximum number of touches
     # Standard deviation of fingertip positions along each axis [m]: a contact that is three times
     # as far from a model refutes it.
-    point_error: Metres = POINT_ERROR
-    angle_error: Radians = ANGLE_ERROR  # standard deviation of fingertip angles [rad]
+    point_error: Metres = 0.1e-3
+    angle_error: Radians = math.radians(0.1)  # standard deviation of fingertip angles [rad]
 
     def __post_init__(self) -> None:
         try:
@@ -73,7 +72,7 @@ class State:
     world: types.World | None = None
     info: types.SensorInfo | None = None
     session: Session | None = None  # of the procedure; None until world and sensor are known
-    results: tuple[Met, ...] = ()  # of its moves
+    results: tuple[MoveResult, ...] = ()  # of its moves
     # Results by finger while other fingers are still moving.
     pending: Mapping[int, types.SurfacePatch] = field(default_factory=dict)
     under_way: int = 0  # number of moving fingers
@@ -97,7 +96,7 @@ def know_world(params: Params, state: State, world: types.World) -> tuple[State,
 def _begin(params: Params, state: State) -> tuple[State, Outputs]:
     if state.world is None or state.info is None or state.session is not None:
         return state, []
-    setting = TouchSetting(
+    setup = TouchSetup(
         pad=pad_of_info(state.info),
         noise=state.info.noise,
         platform=state.world.platform,
@@ -106,7 +105,7 @@ def _begin(params: Params, state: State) -> tuple[State, Outputs]:
         point_error=params.point_error,
         angle_error=params.angle_error,
     )
-    session = begin_procedure(params.procedure, params.settings, setting)
+    session = begin_procedure(params.procedure, params.settings, setup)
     return _next_move(params, replace(state, session=session))
 
 
@@ -135,7 +134,7 @@ def take_patch(params: Params, state: State, patch: types.SurfacePatch) -> tuple
 
 def _probe(state: State, patch: types.SurfacePatch, contact: Contact) -> types.Probe:
     """The contact of a finger as a probe, for displays."""
-    point = contact.middle if contact.met else patch.pose[:3]
+    point = contact.middle if contact.is_hit else patch.pose[:3]
     number = MAX_FINGERS * patch.goal + patch.finger
     return types.Probe(
         id=number,

@@ -1,11 +1,11 @@
 """Which features of a cone suffice, and how three contacts may be interpreted: Fearing as data.
 
-Tables 1.1 to 1.4 of Fung, 1999, section 1.4.3.1, one row a combination. Where the print is damaged
-a row carries what is printed, and why geometry refutes it.
+Tables 1.1 to 1.4 of Fung, 1999, section 1.4.3.1, one row for each combination. Where the print is
+wrong, a row has the printed text and the reason why geometry refutes it.
 
-One rule makes both counts that the text gives. A cone is convex and has one top and one bottom, and
-an edge that bounds a touched end lies in its plane and adds nothing to it. Of 3 x 6 places of a
-face and two edges 12 are left, and of 4 x 3 places of two faces and an edge 8.
+One rule gives both counts of the text. A cone is convex, with one top and one bottom, and an edge
+that bounds a touched end lies in its plane and adds no equation. So of 3 x 6 places of a face and
+two edges 12 are left, and of 4 x 3 places of two faces and an edge 8.
 """
 
 from __future__ import annotations
@@ -31,15 +31,15 @@ ENDS_SKEW = "the lines of an edge of the top and one of the bottom never meet: t
 class TableRow(NamedTuple):
     """One combination of features."""
 
-    table: str  # Its number in the thesis
-    kind: str  # Type of measured geometry in tables 1.3 and 1.4, from i to v
-    combination: str  # Features in alphabetical order, as `Feature.name` writes them
-    # What must hold; in tables 1.3 and 1.4 what keeps other places away from this geometry, or
-    # which others it shares it with
+    table: str  # number in the thesis
+    kind: str  # type of measured geometry in tables 1.3 and 1.4, from i to v
+    combination: str  # features in alphabetical order, by `Feature.name`
+    # Condition of the row; in tables 1.3 and 1.4 what excludes other places for this geometry, or
+    # which other places are possible as well.
     constraint: str = ""
-    redundancy: int = 0  # Equations left over: what the measured geometry must fulfil
-    printed: str = ""  # What stands in the thesis, if that is something else
-    refutation: str = ""  # Why that cannot be, in short; docs/errata.md has the proof
+    redundancy: int = 0  # equations less unknowns: conditions on the measured geometry
+    printed: str = ""  # text of the thesis, if it differs
+    refutation: str = ""  # why that is wrong, in short; docs/errata.md has the proof
 
     @property
     def features(self) -> tuple[str, ...]:
@@ -47,7 +47,7 @@ class TableRow(NamedTuple):
         return tuple(self.combination.split())
 
 
-ORIENTATION_ROWS = (  # Table 1.1
+ORIENTATION_ROWS = (  # table 1.1
     TableRow("1.1", "", "F_T"),
     TableRow("1.1", "", "F_B"),
     TableRow("1.1", "", "E_T E_T", DISTINCT_LINES, 1),
@@ -58,7 +58,7 @@ ORIENTATION_ROWS = (  # Table 1.1
     TableRow("1.1", "", "E_T V_T", VERTEX_OFF_EDGE),
     TableRow("1.1", "", "E_B V_B", VERTEX_OFF_EDGE),
 )
-ORIGIN_ROWS = (  # Table 1.2
+ORIGIN_ROWS = (  # table 1.2
     TableRow("1.2", "", "P_m P_m", MERIDIANS_MEET, 1),
     TableRow("1.2", "", "E_m E_m", MERIDIANS_MEET, 1),
     TableRow("1.2", "", "E_m P_m", MERIDIANS_MEET, 1, "P E P_m", "the subscript m belongs to E"),
@@ -66,7 +66,7 @@ ORIGIN_ROWS = (  # Table 1.2
     TableRow("1.2", "", "F_S P_m", LINE_OFF_PLANE),
     TableRow("1.2", "", "F_S F_S F_S", "no two of the faces are coplanar"),
 )
-FEE_ROWS = (  # Table 1.3
+FEE_ROWS = (  # table 1.3
     TableRow("1.3", "i", "E_B E_B F_T", MERIDIAN_SLOPES, 3),
     TableRow("1.3", "i", "E_B E_m F_T", MERIDIAN_SLOPES, 1),
     TableRow("1.3", "i", "E_T E_T F_B", MERIDIAN_SLOPES, 3),
@@ -85,7 +85,7 @@ FEE_ROWS = (  # Table 1.3
     TableRow("1.3", "v", "E_B E_T F_S", ENDS_SKEW, 0,
              "F_S E_B P", "a parabolic point is as good as a meridian: F_S E_B E_m again"),
 )  # fmt: skip
-FFE_ROWS = (  # Table 1.4
+FFE_ROWS = (  # table 1.4
     TableRow("1.4", "i", "E_B F_S F_T", MERIDIAN_SLOPES, 1,
              "E . n is not 0", "it is 0 for the end face: the bottom is parallel to the top"),
     TableRow("1.4", "i", "E_T F_B F_S", MERIDIAN_SLOPES, 1,
@@ -105,13 +105,13 @@ DROPPED_ROWS = (
     TableRow("1.4", "i", "E_T E_T F_B", MERIDIAN_SLOPES, 3,
              "F_B E_T E_T", "one face and two edges belong to table 1.3 (i)"),
 )  # fmt: skip
-_PLACE_ROWS = {one.combination: one for one in (*FEE_ROWS, *FFE_ROWS)}
+_PLACE_ROWS = {row.combination: row for row in (*FEE_ROWS, *FFE_ROWS)}
 
 
 def row_of(names: Iterable[str]) -> TableRow | None:
     """The row of tables 1.3 and 1.4 with these features, in any order; None if there is none.
 
-    `names`: three, as `Feature.name` writes them; a parabolic point counts as a meridian edge.
+    `names`: three, by `Feature.name`; a parabolic point counts as a meridian edge.
     """
     meridians = ("E_m" if name == "P_m" else name for name in names)
     return _PLACE_ROWS.get(" ".join(sorted(meridians)))

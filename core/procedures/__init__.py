@@ -1,9 +1,9 @@
 """Exploratory procedures of the literature, and one's own.
 
 Allen's grasp by containment, planar surface explorer, surface contour follower and hole explorer,
-and Fearing's three fingers on a cone, each a generator that yields moves and is sent what they met.
-A user adds one by naming such a function as ``module:function``. They rest on core touch, shapes,
-explore, rebuild and cones; deviations and steps may be tuned.
+and Fearing's three fingers on a cone. Each is a generator that yields moves and is sent their
+results. A user adds one by naming such a function as ``module:function``. They use core touch,
+shapes, explore, rebuild and cones.
 """
 
 from palpate.core.procedures.fearing import (
@@ -11,6 +11,7 @@ from palpate.core.procedures.fearing import (
 )
 from palpate.core.procedures.generalised_cones import (
     ConeFit as ConeFit,
+    ConeFitSettings as ConeFitSettings,
     cone_mesh as cone_mesh,
     fit_cone as fit_cone,
 )
@@ -22,19 +23,18 @@ from palpate.core.procedures.planar import (
     BoundaryModel as BoundaryModel,
 )
 from palpate.core.procedures.protocol import (
-    ANGLE_ERROR as ANGLE_ERROR,
-    POINT_ERROR as POINT_ERROR,
+    CommonSettings as CommonSettings,
     Contact as Contact,
     Exploration as Exploration,
     Findings as Findings,
     FingerMove as FingerMove,
     HandContacts as HandContacts,
     HandMove as HandMove,
-    Met as Met,
     Move as Move,
+    MoveResult as MoveResult,
     Procedure as Procedure,
     Session as Session,
-    TouchSetting as TouchSetting,
+    TouchSetup as TouchSetup,
     approach as approach,
     close as close,
     touch as touch,

@@ -1,15 +1,16 @@
 """Grasping by Containment: a hand that closes on the object, and the superquadric it contains.
 
 Allen's first exploratory procedure (Fung, 1999, 1.4.3.2): 30 to 100 contacts from several poses of
-the hand, through which Solina and Bajcsy's superquadric is fitted, tapered and bent. The text's
-hand takes poses that its user chose; here each closing is where it is expected to tell most, and a
-fit is believed once it has foretold contacts that it did not know.
+the hand, to which Solina and Bajcsy's superquadric is fitted, tapered and bent. In the text the
+user chooses the poses; here each closing is where most is expected to be learned, and a fit is
+accepted once it predicts contacts that it was not fitted to.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Generator
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -25,201 +26,228 @@ from palpate.core.explore.grasp import (
 from palpate.core.geometry import nearest_points, nearest_search
 from palpate.core.poses import Pose
 from palpate.core.procedures.protocol import (
-    SEARCH_SPACING,
-    UNSUITED,
     Exploration,
     Findings,
     HandMove,
-    Met,
     Move,
-    TouchSetting,
+    MoveResult,
+    TouchSetup,
     close,
 )
 from palpate.core.rebuild import fit_coarse
 from palpate.core.rebuild.recovery import Recovery
 from palpate.core.shapes import FittedSuperquadric
 
-FEWEST, MOST = 30, 100  # Contacts, as the text has them
-CONTACTS = 60  # As many as tell taper and bend
-# Contacts by which a fit is tried, and how far off one may be beside its error: the mesh's facets,
-# and rims that exponents follow only so far, m.
-FORETOLD, FORETOLD_ROOM = 12, 0.2e-3
-MOST_CLOSINGS = 80  # Once something was met
-OPENING = 0.8  # Of the reach
-UNDER = 8.0e-3  # Below the expected top, m: so far the palm comes from above
-BEYOND = 6.0e-3  # Along an axis of the solid, m: so far it may reach beyond all contacts
-# Rise of an axis that leads to the platform, where no contact can be, and cosine of what faces it.
-DOWN, FACING = -0.7, 0.5
-MOST_FEET, FOOT = 4, 1.0e-3  # Refits to the platform, and height of what is lowest, m
-MESH_LEVEL = 5
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ContainmentSettings:
+    """How many contacts the hand makes, and when the fitted superquadric is accepted."""
+
+    min_contacts: int = 30  # by the text
+    max_contacts: int = 100  # by the text
+    n_predicted: int = 12  # contacts, made after a fit, that the fit must predict
+    # [m] of a predicted contact, added to its own error: facets of the mesh, and rims that the
+    # exponents follow only so far.
+    prediction_tolerance: float = 0.2e-3
+    max_closings: int = 80  # after the first contact
+    hand_size: float = 0.8  # fraction of the fingers' reach: opening and reach of the hand
+    palm_depth: float = 8.0e-3  # [m] below the fitted top, to which the palm comes from above
+    max_overhang: float = 6.0e-3  # [m] of the solid beyond all contacts
+    down_cosine: float = -0.7  # an axis that points down more steeply has no contacts at its end
+    facing_cosine: float = 0.5  # of a contact's normal and the end of an axis that it touches
+    max_stand_fits: int = 4  # repetitions of the fit, to stand the solid on the platform
+    foot_height: float = 1.0e-3  # [m] of the lowest and the highest places of a solid
+    mesh_level: int = 5
 
 
-def containment(setting: TouchSetting, contacts: int = CONTACTS) -> Exploration:
-    """Close the hand until there are so many contacts, and fit a tapered, bent superquadric.
+def containment(
+    setup: TouchSetup, contacts: int = 60, settings: ContainmentSettings = ContainmentSettings()
+) -> Exploration:
+    """Close the hand until there are enough contacts, and fit a tapered, bent superquadric.
 
-    `contacts`: 30 to 100. Then the hand closes where the fit has not been touched yet: what it
-    meets there must be foretold, else it counts and the fit is made anew, up to 100 contacts.
-    Findings: the recovered superquadric, or ``unsuited`` where contacts are off it by more than
-    three standard deviations. Raises ValueError for another number.
+    `contacts`: 30 to 100, else ValueError; 60 determine taper and bend. The hand then closes where
+    the fit is untouched: contacts that the fit did not predict are added and the fit is repeated,
+    up to 100 contacts. Findings: the recovered superquadric, or ``unsuited`` where contacts are
+    off it by more than three standard deviations.
     """
-    if not FEWEST <= contacts <= MOST:
-        raise ValueError(f"contacts must be from {FEWEST} to {MOST}, got {contacts}")
-    grasp, wanted = _Grasp(setting), contacts
-    yield from grasp.until(wanted)
-    while len(grasp.points) >= FEWEST:
-        found = standing_fit(setting, grasp.points)
-        before = len(grasp.points)
-        yield from grasp.from_above(found)
-        if grasp.hollow:
-            why = (
-                f"it is hollow: the palm goes {1e3 * UNDER:.0f} mm below its top and meets nothing"
-            )
-            return Findings(status="unsuited", reason=why)
-        yield from grasp.until(before + FORETOLD)
-        off = _distances(found, grasp.points[before:])
-        if len(off) < FORETOLD // 2 or len(grasp.points) >= MOST or off.max() <= _worst(setting):
-            return _findings(setting, grasp, off)
-    why = f"the hand made {len(grasp.points)} contacts within reach, {FEWEST} are needed"
-    return Findings(status="incomplete", reason=why)
+    least, most = settings.min_contacts, settings.max_contacts
+    if not least <= contacts <= most:
+        raise ValueError(f"contacts must be from {least} to {most}, got {contacts}")
+    grasp = _Grasp(setup, settings)
+    yield from grasp.until(contacts)
+    while len(grasp.points) >= least:
+        fit = standing_fit(setup, grasp.points, settings)
+        n_before = len(grasp.points)
+        yield from grasp.from_above(fit)
+        if grasp.is_hollow:
+            depth = 1e3 * settings.palm_depth
+            reason = f"it is hollow: the palm goes {depth:.0f} mm below its top and meets nothing"
+            return Findings(status="unsuited", reason=reason)
+        yield from grasp.until(n_before + settings.n_predicted)
+        offsets = _distances(fit, grasp.points[n_before:], settings.mesh_level)
+        few = len(offsets) < settings.n_predicted // 2
+        if few or len(grasp.points) >= most or offsets.max() <= _max_offset(setup, settings):
+            return _findings(grasp, offsets)
+    reason = f"the hand made {len(grasp.points)} contacts within reach, {least} are needed"
+    return Findings(status="incomplete", reason=reason)
 
 
 class _Grasp:
-    """What the hand has met so far."""
+    """The hand, and all contacts that it has made."""
 
-    def __init__(self, setting: TouchSetting) -> None:
-        self.setting = setting
-        self.hand = Hand(opening=OPENING * setting.reach, reach=OPENING * setting.reach)
+    def __init__(self, setup: TouchSetup, settings: ContainmentSettings) -> None:
+        self.setup, self.settings = setup, settings
+        size = settings.hand_size * setup.reach
+        self.hand = Hand(opening=size, reach=size)
         self.points, self.normals = np.zeros((0, 3)), np.zeros((0, 3))
-        self.searched = self.closings = 0
-        self.hollow = False  # Whether the palm met nothing where the top should be
+        self.n_searched = self.n_closings = 0
+        self.is_hollow = False  # whether the palm touched nothing where the top should be
 
-    def until(self, wanted: int) -> Generator[Move, Met, None]:
-        """Close the hand until there are so many contacts, or it finds no more."""
-        while len(self.points) < wanted and self.closings < MOST_CLOSINGS:
-            move = self._next()
+    def until(self, n_contacts: int) -> Generator[Move, MoveResult, None]:
+        """Close the hand until there are so many contacts, or no closing is left."""
+        while len(self.points) < n_contacts and self.n_closings < self.settings.max_closings:
+            move = self._next_move()
             if move is None:
                 return
-            met = yield from close(move)
-            self.points = np.concatenate([self.points, met.points])
-            self.normals = np.concatenate([self.normals, met.normals])
+            yield from self._close(move)
 
-    def from_above(self, found: FittedSuperquadric) -> Generator[Move, Met, None]:
-        """Close the hand over the middle of a fit's top: the palm falls into what is hollow."""
+    def from_above(self, fit: FittedSuperquadric) -> Generator[Move, MoveResult, None]:
+        """Close the hand over the middle of a fit's top, and see whether the palm touches it."""
+        settings = self.settings
         try:
-            vertices = found.shape().mesh(MESH_LEVEL).vertices
+            vertices = fit.shape().mesh(settings.mesh_level).vertices
         except ValueError:
             return
         top = float(vertices[:, 2].max())
-        middle = vertices[vertices[:, 2] >= top - FOOT].mean(axis=0)
-        pose = search_pose([middle[:2]], 0, top - UNDER - HandSettings().search_heights[0])
+        middle = vertices[vertices[:, 2] >= top - settings.foot_height].mean(axis=0)
+        height = top - settings.palm_depth - HandSettings().search_heights[0]
+        pose = search_pose([middle[:2]], 0, height)
         assert pose is not None
-        met = yield from close(HandMove(self.hand, pose))
-        self.hollow = self.hand.fingers not in met.fingers
-        self.points = np.concatenate([self.points, met.points])
-        self.normals = np.concatenate([self.normals, met.normals])
+        fingers = yield from self._close(HandMove(self.hand, pose))
+        self.is_hollow = self.hand.fingers not in fingers
 
-    def _next(self) -> HandMove | None:
-        known = self.points, self.normals, self.setting.platform
+    def _close(self, move: HandMove) -> Generator[Move, MoveResult, set[int]]:
+        """Close the hand and keep its contacts; the fingers that made one, the palm last."""
+        contacts = yield from close(move)
+        self.points = np.concatenate([self.points, contacts.points])
+        self.normals = np.concatenate([self.normals, contacts.normals])
+        return set(contacts.fingers.tolist())
+
+    def _next_move(self) -> HandMove | None:
+        setup, known = self.setup, (self.points, self.normals, self.setup.platform)
         if len(self.points):
-            self.closings += 1
+            self.n_closings += 1
             pose = next_pose(self.hand, *known)
             return HandMove(brought_near(self.hand, pose, *known), pose)
-        places = search_places(self.setting.reach, SEARCH_SPACING)
-        found = search_pose(places, self.searched, self.setting.platform)
-        self.searched += 1
-        return None if found is None else HandMove(self.hand, found)
+        places = search_places(setup.reach, setup.common.search_spacing)
+        searched = search_pose(places, self.n_searched, setup.platform)
+        self.n_searched += 1
+        return None if searched is None else HandMove(self.hand, searched)
 
 
-def standing_fit(setting: TouchSetting, points: Floats) -> Recovery:
-    """The superquadric through contacts (n, 3), m, that stands on the platform.
+def standing_fit(
+    setup: TouchSetup, points: Floats, settings: ContainmentSettings = ContainmentSettings()
+) -> Recovery:
+    """The superquadric through contacts (n, 3) [m] that stands on the platform.
 
-    A hand does not reach under the object: where the fit ends above the platform or below it, the
-    place where it is lowest is taken for a contact at the platform's height.
+    A hand does not reach under the object: where the fit ends above or below the platform, its
+    lowest place is added as a contact at the platform's height.
     """
-    found = fit_coarse(points, setting.sigma)
-    for _ in range(MOST_FEET if found.rms <= UNSUITED * setting.sigma else 0):
+    fit = fit_coarse(points, setup.sigma)
+    if fit.rms > setup.common.max_rms * setup.sigma:
+        return fit
+    for _ in range(settings.max_stand_fits):
         try:
-            vertices = found.shape().mesh(MESH_LEVEL).vertices
+            vertices = fit.shape().mesh(settings.mesh_level).vertices
         except ValueError:
-            return found
-        heights = vertices[:, 2] - setting.platform
-        if abs(float(heights.min())) <= setting.sigma:
+            return fit
+        heights = vertices[:, 2] - setup.platform
+        if abs(float(heights.min())) <= setup.sigma:
             break
-        foot = vertices[heights <= heights.min() + FOOT].mean(axis=0)
-        foot[2] = setting.platform
-        found = fit_coarse(np.concatenate([points, foot[None]]), setting.sigma)
-    return found
+        foot = vertices[heights <= heights.min() + settings.foot_height].mean(axis=0)
+        foot[2] = setup.platform
+        fit = fit_coarse(np.concatenate([points, foot[None]]), setup.sigma)
+    return fit
 
 
-def _distances(found: FittedSuperquadric, points: Floats) -> Floats:
-    """Distances (n,) of contacts from a fit, m; infinite if it folds."""
+def _distances(fit: FittedSuperquadric, points: Floats, mesh_level: int) -> Floats:
+    """Distances (n,) of contacts from a fit [m]; infinite if it folds."""
     try:
-        vertices, faces = found.shape().mesh(MESH_LEVEL)
+        vertices, faces = fit.shape().mesh(mesh_level)
     except ValueError:
         return np.full(len(points), math.inf)
     return np.asarray(nearest_points(nearest_search(vertices[faces]), points).distances)
 
 
-def _worst(setting: TouchSetting) -> float:
-    """How far off a contact may be that a fit has foretold, m."""
-    return UNSUITED * setting.sigma + FORETOLD_ROOM
+def _max_offset(setup: TouchSetup, settings: ContainmentSettings) -> float:
+    """Largest distance of a predicted contact from the fit [m]."""
+    return setup.common.max_rms * setup.sigma + settings.prediction_tolerance
 
 
-def _findings(setting: TouchSetting, grasp: _Grasp, off: Floats) -> Findings:
-    """The superquadric through all contacts, unless they refute it; the last are `off`, m."""
-    points = grasp.points
-    sigma, found = setting.sigma, standing_fit(setting, points)
-    foretold = float(np.sqrt(np.mean(off**2))) if len(off) else 0.0
-    figures = {"contacts": float(len(points)), "residual_rms_m": found.rms}
-    if math.isfinite(foretold):
-        figures |= {"foretold_rms_m": foretold, "foretold_worst_m": float(off.max(initial=0.0))}
-    if found.rms > UNSUITED * sigma:
-        why = (
-            f"no superquadric contains it: contacts are {1e3 * found.rms:.3f} mm rms off the best "
+def _findings(grasp: _Grasp, offsets: Floats) -> Findings:
+    """The superquadric through all contacts, unless they refute it.
+
+    `offsets` (n,): distances of the last contacts from the fit before them [m].
+    """
+    setup, settings, points = grasp.setup, grasp.settings, grasp.points
+    sigma, fit = setup.sigma, standing_fit(setup, points, settings)
+    prediction_rms = float(np.sqrt(np.mean(offsets**2))) if len(offsets) else 0.0
+    worst = float(offsets.max(initial=0.0))
+    figures = {"contacts": float(len(points)), "residual_rms_m": fit.rms}
+    if math.isfinite(prediction_rms):
+        figures |= {"foretold_rms_m": prediction_rms, "foretold_worst_m": worst}
+    if fit.rms > setup.common.max_rms * sigma:
+        reason = (
+            f"no superquadric contains it: contacts are {1e3 * fit.rms:.3f} mm rms off the best "
             f"one, tapered and bent, where one standard deviation is {1e3 * sigma:.3f} mm"
         )
-        return Findings(status="unsuited", reason=why, figures=figures)
-    if not found.fitted or len(off) < FORETOLD // 2 or off.max() > _worst(setting):
-        why = (
-            f"{len(points)} contacts do not determine a superquadric: the last {len(off)} were off "
-            f"the one before by up to {1e3 * float(off.max(initial=0.0)):.1f} mm"
+        return Findings(status="unsuited", reason=reason, figures=figures)
+    few = len(offsets) < settings.n_predicted // 2
+    if not fit.fitted or few or worst > _max_offset(setup, settings):
+        reason = (
+            f"{len(points)} contacts do not determine a superquadric: the last {len(offsets)} are "
+            f"up to {1e3 * worst:.1f} mm off the fit before them"
         )
-        return Findings(status="incomplete", reason=why, figures=figures)
-    beyond, unmet = _beyond(found, points), _unmet(found, grasp.normals)
-    if beyond > BEYOND or unmet:
-        why = f"no contact says where it ends: {1e3 * beyond:.0f} mm of it lie beyond them all"
-        return Findings(status="incomplete", reason=why, figures=figures)
+        return Findings(status="incomplete", reason=reason, figures=figures)
+    overhang = _overhang(fit, points, settings)
+    if overhang > settings.max_overhang or _n_untouched_sides(fit, grasp.normals, settings):
+        reason = f"its ends are not touched: {1e3 * overhang:.0f} mm of it lie beyond all contacts"
+        return Findings(status="incomplete", reason=reason, figures=figures)
     reason = (
-        f"a superquadric goes through {len(points)} contacts within {1e3 * found.rms:.3f} mm, and "
-        f"foretold the last {len(off)} within {1e3 * float(off.max()):.3f} mm"
+        f"a superquadric fits {len(points)} contacts to {1e3 * fit.rms:.3f} mm rms, and predicts "
+        f"the last {len(offsets)} to {1e3 * worst:.3f} mm"
     )
-    mesh = found.shape().mesh(MESH_LEVEL)
-    return Findings(status="done", reason=reason, shape=found, mesh=mesh, figures=figures)
+    mesh = fit.shape().mesh(settings.mesh_level)
+    return Findings(status="done", reason=reason, shape=fit, mesh=mesh, figures=figures)
 
 
-def _beyond(found: FittedSuperquadric, points: Floats) -> float:
-    """How far the solid lies beyond contacts (n, 3), not downwards, m: in the world, and its own.
+def _overhang(fit: FittedSuperquadric, points: Floats, settings: ContainmentSettings) -> float:
+    """How far the solid lies beyond contacts (n, 3), except downwards [m].
 
-    Corners lie beyond contacts in the world, along no axis of the solid: there half as much counts.
+    Along the solid's own axes, or half of it along the world's: corners that point along no axis
+    of the solid lie beyond the contacts.
     """
-    position, axes = Pose.from_array(found.pose)
-    inner = (points - position) @ axes
-    reached = np.stack([inner.max(axis=0), -inner.min(axis=0)])
-    own = np.where(_downward(axes), 0.0, found.size - reached).max()
-    vertices = found.shape().mesh(MESH_LEVEL).vertices
+    position, axes = Pose.from_array(fit.pose)
+    local = (points - position) @ axes
+    touched = np.stack([local.max(axis=0), -local.min(axis=0)])
+    is_down = _downward(axes, settings.down_cosine)
+    along_own = np.where(is_down, 0.0, fit.size - touched).max()
+    vertices = fit.shape().mesh(settings.mesh_level).vertices
     above = vertices.max(axis=0) - points.max(axis=0)
     below = points.min(axis=0) - vertices.min(axis=0)
-    return float(max(own, 0.5 * above.max(), 0.5 * below[:2].max()))
+    return float(max(along_own, 0.5 * above.max(), 0.5 * below[:2].max()))
 
 
-def _unmet(found: FittedSuperquadric, normals: Floats) -> int:
-    """Sides of the solid, but that to the platform, that no contact's normal (n, 3) faces."""
-    axes = Pose.from_array(found.pose).axes
-    facing = normals @ axes
-    met = np.stack([(facing > FACING).any(axis=0), (facing < -FACING).any(axis=0)])
-    return int((~(met | _downward(axes))).sum())
+def _n_untouched_sides(
+    fit: FittedSuperquadric, normals: Floats, settings: ContainmentSettings
+) -> int:
+    """Number of the solid's sides, except the lower one, that no contact's normal (n, 3) faces."""
+    axes = Pose.from_array(fit.pose).axes
+    cosines, least = normals @ axes, settings.facing_cosine
+    touched = np.stack([(cosines > least).any(axis=0), (cosines < -least).any(axis=0)])
+    return int((~(touched | _downward(axes, settings.down_cosine))).sum())
 
 
-def _downward(axes: Floats) -> Bools:
-    """Which ends of three axes, as columns, lead to the platform, (2, 3): where no contact is."""
-    return np.asarray(np.stack([axes[2], -axes[2]]) < DOWN)
+def _downward(axes: Floats, down_cosine: float) -> Bools:
+    """Which ends (2, 3) of three axes, as columns, point to the platform, where no contact is."""
+    return np.asarray(np.stack([axes[2], -axes[2]]) < down_cosine)

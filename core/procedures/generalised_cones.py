@@ -1,15 +1,16 @@
-"""Straight homogeneous generalised cones through touched points, axis and all.
+"""Straight homogeneous generalised cones through touched points, with their axis.
 
 A point at height s along the axis and azimuth theta about it has the radius f(s) g(theta): Fung,
 1999, (1.4) with B = 0 absorbed, and 2.5.1. Three kinds are fitted: a surface of revolution, g = 1
 and f a spline; a *linear* cone or cylinder, f straight and g free; and both free. Axis, f and g are
-found together by Gauss-Newton steps of damped least squares over orthogonal factors.
+fitted together by damped Gauss-Newton steps, solved by QR.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -23,37 +24,51 @@ from palpate.core.splines import clamped_basis
 
 ConeKind = Literal["revolution", "linear", "free"]
 Longs = NDArray[np.integer]
-KNOT = 5.0e-3  # Between two knots of the profile, m
-FEWEST_KNOTS, MOST_KNOTS = 4, 80
-HARMONICS = 8  # Of a free section
-STEPS, MOST_DAMPING = 30, 1e6
-SETTLED, GAIN = 1e-10, 1e-4  # Of the points' extent, and of the residual: less gain ends it
-LEAN = slice(2, 4)  # Where the axis's direction is among the parameters
-EVERY = 40  # Points of a touch that count: more tell the same
-SMOOTH = 1e-4  # Weight of second differences of what is free, over that of all points
-DAMPING = (1e-3, 10.0)  # First of it, over the mean square of a column, and by how much it changes
-STEEP = 5.0  # Slope of the profile beyond which its distance is not told by the radius
-ROUND_ABOUT, ALONG, ROUND = 144, 120, 24  # Points of a mesh: around, along, and of a round end
+AXIS_TILT = slice(2, 4)  # place of the axis's direction among the parameters
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ConeFitSettings:
+    """How finely a generalised cone is modelled, and when its fit has converged."""
+
+    knot_spacing: float = 5.0e-3  # [m] along the profile
+    min_knots: int = 4
+    max_knots: int = 80
+    n_harmonics: int = 8  # of a free section
+    n_touch_points: int = 40  # that are used of a larger touch, up to twice as many
+    smoothing: float = 1e-4  # weight of second differences over that of all points
+    max_slope: float = 5.0  # of the profile, in the conversion of radial offsets to distances
+    max_steps: int = 30
+    initial_damping: float = 1e-3  # fraction of a column's mean square
+    damping_factor: float = 10.0  # of a change of the damping
+    max_damping: float = 1e6
+    min_gain: float = 1e-10  # fraction of the points' extent; a smaller gain of a step ends the fit
+    min_relative_gain: float = 1e-4  # fraction of the residual, the same
+
+
+DEFAULT_CONE_FIT = ConeFitSettings()
 
 
 class ConeFit(NamedTuple):
-    """A generalised cone, its axis, and how well it fits."""
+    """A generalised cone, its axis, and its residuals."""
 
     kind: ConeKind
-    point: Floats  # On the axis, (3,), m; heights count from here
-    axis: Floats  # Unit vector, (3,)
-    low: float  # Heights between which it was touched, m
-    high: float
-    profile: Floats  # Coefficients of the radius along the axis, m
-    section: Floats  # Of cos and sin of 1, 2, ... times the azimuth, from `across` on: (2 h,)
-    across: Floats  # Two unit vectors, (3, 2): azimuth 0 and a quarter turn
-    rms: float  # Of the points' distances, m
-    worst: float  # Distance of the touch that is farthest off, its points' root mean square, m
-    axis_error: float  # Standard deviation of the axis's angle, rad
+    point: Floats  # on the axis, (3,) [m]; heights count from here
+    axis: Floats  # unit vector, (3,)
+    low: float  # [m] least touched height
+    high: float  # [m] largest touched height
+    profile: Floats  # coefficients of the radius along the axis [m]
+    section: Floats  # (2 h,): factors of cos and sin of 1 to h times the azimuth
+    across: Floats  # unit vectors at azimuths 0 and pi / 2, (3, 2)
+    rms: float  # [m] of the points' distances
+    worst: float  # [m] largest root mean square distance of a touch
+    axis_error: float  # [rad] standard deviation of the axis's angle
 
     def radius(self, heights: Floats, azimuths: Floats) -> Floats:
-        """The radius (n,) at heights and azimuths, (n,) each, m; straight on beyond the ends."""
-        return np.asarray(_profile(self, heights)[0] @ self.profile * _waves(self, azimuths))
+        """The radius (n,) at heights [m] and azimuths [rad], (n,) each; linear beyond the ends."""
+        return np.asarray(
+            _profile(self, heights)[0] @ self.profile * _section_factor(self, azimuths)
+        )
 
 
 def fit_cone(
@@ -62,68 +77,72 @@ def fit_cone(
     point: Floats,
     axis: Floats,
     sigma: float,
-    harmonics: int = HARMONICS,
     *,
-    held: bool = False,
+    is_axis_fixed: bool = False,
+    settings: ConeFitSettings = DEFAULT_CONE_FIT,
 ) -> ConeFit:
-    """The cone through touches, (n, 3) points each, m, from an axis that is near its own.
+    """The cone through touches, (n, 3) points each [m], from an approximate axis.
 
-    `point`, `axis` (3,): on the axis, m, and a unit vector along it. `sigma`: standard deviation of
-    a touch across the surface, m, from which the axis's error follows. `harmonics`: of a section
-    that is not round. `held`: its direction. Raises ValueError of fewer than 4 touches.
+    `point`, `axis` (3,): a point of the axis [m] and its unit vector. `sigma`: standard deviation
+    of a touch across the surface [m], from which the axis's error follows. `is_axis_fixed`: keep
+    the direction of the axis. Raises ValueError if there are fewer than 4 touches.
     """
     if len(touches) < 4:
         raise ValueError(f"a cone needs 4 touches, got {len(touches)}")
-    some = [one[:: max(len(one) // EVERY, 1)] for one in touches]
-    points, numbers = np.concatenate(some), np.repeat(np.arange(len(some)), list(map(len, some)))
-    cone = _begun(points, kind, point, axis, 0 if kind == "revolution" else 2 * harmonics)
-    damping, extent = DAMPING[0], float(np.ptp(points, axis=0).max())
-    misses = _misses(cone, points)
-    for _ in range(STEPS):
-        columns = _columns(cone, points)
-        columns[:, LEAN] *= not held
-        step = _solved(columns, misses, cone, damping)
-        moved = _moved(cone, step, points)
-        after = _misses(moved, points)
-        if after @ after < misses @ misses:
-            before, rms = (math.sqrt(one @ one / len(one)) for one in (misses, after))
-            cone, misses, damping = moved, after, damping / DAMPING[1]
-            if before - rms < max(SETTLED * extent, GAIN * rms):
+    thinned = [touch[:: max(len(touch) // settings.n_touch_points, 1)] for touch in touches]
+    points = np.concatenate(thinned)
+    numbers = np.repeat(np.arange(len(thinned)), list(map(len, thinned)))
+    cone = _initial_cone(points, kind, point, axis, settings)
+    damping, extent = settings.initial_damping, float(np.ptp(points, axis=0).max())
+    offsets = _offsets(cone, points, settings)
+    for _ in range(settings.max_steps):
+        jacobian = _jacobian(cone, points, settings)
+        jacobian[:, AXIS_TILT] *= not is_axis_fixed
+        step = _damped_step(jacobian, offsets, cone, damping, settings)
+        moved = _stepped(cone, step)
+        after = _offsets(moved, points, settings)
+        if after @ after < offsets @ offsets:
+            before, rms = (math.sqrt(values @ values / len(values)) for values in (offsets, after))
+            cone, offsets, damping = moved, after, damping / settings.damping_factor
+            if before - rms < max(settings.min_gain * extent, settings.min_relative_gain * rms):
                 break
-        elif damping > MOST_DAMPING:
+        elif damping > settings.max_damping:
             break
         else:
-            damping *= DAMPING[1]
-    return _reported(cone, points, numbers, misses, sigma)
+            damping *= settings.damping_factor
+    return _with_errors(cone, points, numbers, offsets, sigma, settings)
 
 
-def _begun(points: Floats, kind: ConeKind, point: Floats, axis: Floats, waves: int) -> ConeFit:
+def _initial_cone(
+    points: Floats, kind: ConeKind, point: Floats, axis: Floats, settings: ConeFitSettings
+) -> ConeFit:
+    """A cone of round section about the given axis, its profile fitted to the points' radii."""
     heights = (points - point) @ axis
     low, high = float(heights.min()), float(heights.max())
     count = 2
     if kind != "linear":
-        count = min(max(round((high - low) / KNOT), FEWEST_KNOTS), MOST_KNOTS)
-    frame = axes_along(axis)
-    start = ConeFit(
-        kind, point, axis, low, high, np.zeros(count), np.zeros(waves), frame[:, :2], 0.0, 0.0, 0.0
-    )
+        n_knots = round((high - low) / settings.knot_spacing)
+        count = min(max(n_knots, settings.min_knots), settings.max_knots)
+    frame, section = axes_along(axis), 0 if kind == "revolution" else 2 * settings.n_harmonics
+    shape = np.zeros(count), np.zeros(section), frame[:, :2]
+    start = ConeFit(kind, point, axis, low, high, *shape, rms=0.0, worst=0.0, axis_error=0.0)
     radii = np.linalg.norm(np.cross(points - point, axis), axis=1)
-    rows = _profile(start, heights)[0]
-    rough = SMOOTH * math.sqrt(len(rows)) * _roughness(start)[:, 4 : 4 + count]
-    rows = np.vstack([rows, rough, SMOOTH**2 * np.eye(count)])
-    wanted = np.concatenate([radii, np.zeros(len(rows) - len(radii))])
-    return start._replace(profile=least_squares(rows, wanted))
+    rows, smoothing = _profile(start, heights)[0], settings.smoothing
+    rough = smoothing * math.sqrt(len(rows)) * _roughness(start)[:, 4 : 4 + count]
+    rows = np.vstack([rows, rough, smoothing**2 * np.eye(count)])
+    targets = np.concatenate([radii, np.zeros(len(rows) - len(radii))])
+    return start._replace(profile=least_squares(rows, targets))
 
 
 def _polar(cone: ConeFit, points: Floats) -> tuple[Floats, Floats, Floats]:
     """Heights, azimuths and radii (n,) of points."""
-    off = points - cone.point
-    x, y = (off @ cone.across).T
-    return off @ cone.axis, np.arctan2(y, x), np.hypot(x, y)
+    local = points - cone.point
+    x, y = (local @ cone.across).T
+    return local @ cone.axis, np.arctan2(y, x), np.hypot(x, y)
 
 
 def _profile(cone: ConeFit, heights: Floats) -> tuple[Floats, Floats]:
-    """What each coefficient of the profile gives at heights, (n, k), and its slope, 1/m."""
+    """Basis functions of the profile at heights, (n, k), and their slopes [1/m]."""
     length = max(cone.high - cone.low, 1e-9)
     x = (heights - cone.low) / length
     inside = np.clip(x, 0.0, 1.0)
@@ -138,10 +157,10 @@ def _profile(cone: ConeFit, heights: Floats) -> tuple[Floats, Floats]:
     return rows, slopes / length
 
 
-def _waves(cone: ConeFit, azimuths: Floats) -> Floats:
-    """The section (n,), relative to its mean."""
-    turns, _ = _harmonics(cone, azimuths)
-    return np.asarray(1.0 + turns @ cone.section)
+def _section_factor(cone: ConeFit, azimuths: Floats) -> Floats:
+    """Radius of the section (n,) over its mean."""
+    harmonics, _ = _harmonics(cone, azimuths)
+    return np.asarray(1.0 + harmonics @ cone.section)
 
 
 def _harmonics(cone: ConeFit, azimuths: Floats) -> tuple[Floats, Floats]:
@@ -152,72 +171,77 @@ def _harmonics(cone: ConeFit, azimuths: Floats) -> tuple[Floats, Floats]:
     return np.hstack([cosine, sine]), np.hstack([-orders * sine, orders * cosine])
 
 
-def _misses(cone: ConeFit, points: Floats) -> Floats:
-    """Distances (n,) of points, to first order, m; positive outside."""
+def _offsets(cone: ConeFit, points: Floats, settings: ConeFitSettings) -> Floats:
+    """Distances (n,) of points from the cone, to first order [m]; positive outside."""
     heights, azimuths, radii = _polar(cone, points)
-    return np.asarray((radii - cone.radius(heights, azimuths)) / _stretch(cone, heights, azimuths))
+    stretch = _radial_stretch(cone, heights, azimuths, settings)
+    return np.asarray((radii - cone.radius(heights, azimuths)) / stretch)
 
 
-def _stretch(cone: ConeFit, heights: Floats, azimuths: Floats) -> Floats:
-    """How many times longer than the distance the way along the radius is, (n,)."""
+def _radial_stretch(
+    cone: ConeFit, heights: Floats, azimuths: Floats, settings: ConeFitSettings
+) -> Floats:
+    """Ratio of the radial offset and the distance of a point near the surface, (n,)."""
     _, slopes = _profile(cone, heights)
-    turns, turning = _harmonics(cone, azimuths)
-    waves = 1.0 + turns @ cone.section
-    steep = np.clip(slopes @ cone.profile * waves, -STEEP, STEEP)
-    around = turning @ cone.section / np.maximum(waves, 0.1)
+    harmonics, derivatives = _harmonics(cone, azimuths)
+    factor = 1.0 + harmonics @ cone.section
+    steep = np.clip(slopes @ cone.profile * factor, -settings.max_slope, settings.max_slope)
+    around = derivatives @ cone.section / np.maximum(factor, 0.1)
     return np.asarray(np.sqrt(1.0 + steep**2 + around**2))
 
 
-def _columns(cone: ConeFit, points: Floats) -> Floats:
-    """How distances change with place and lean of the axis, profile and section, (n, 4 + k)."""
+def _jacobian(cone: ConeFit, points: Floats, settings: ConeFitSettings) -> Floats:
+    """Derivatives (n, 4 + k) of distances by the axis's place and tilt, profile and section."""
     heights, azimuths, radii = _polar(cone, points)
     rows, slopes = _profile(cone, heights)
-    turns, turning = _harmonics(cone, azimuths)
-    base, waves = rows @ cone.profile, 1.0 + turns @ cone.section
-    slope = slopes @ cone.profile * waves
+    harmonics, derivatives = _harmonics(cone, azimuths)
+    base, factor = rows @ cone.profile, 1.0 + harmonics @ cone.section
+    slope = slopes @ cone.profile * factor
     outward = np.column_stack([np.cos(azimuths), np.sin(azimuths)])
     onward = np.column_stack([-np.sin(azimuths), np.cos(azimuths)])
-    # The azimuth of a point goes back as the axis comes nearer to it from the side.
-    swing = (base * (turning @ cone.section) / np.maximum(radii, 1e-6))[:, None] * onward
+    # A sideways shift of the axis changes the azimuth of a point.
+    swing = (base * (derivatives @ cone.section) / np.maximum(radii, 1e-6))[:, None] * onward
     place = -outward + swing
-    lean = heights[:, None] * place - (slope * radii)[:, None] * outward
-    columns = np.hstack([place, lean, -rows * waves[:, None], -base[:, None] * turns])
-    return np.asarray(columns / _stretch(cone, heights, azimuths)[:, None])
+    tilt = heights[:, None] * place - (slope * radii)[:, None] * outward
+    jacobian = np.hstack([place, tilt, -rows * factor[:, None], -base[:, None] * harmonics])
+    return np.asarray(jacobian / _radial_stretch(cone, heights, azimuths, settings)[:, None])
 
 
 def _roughness(cone: ConeFit) -> Floats:
-    """Rows that are to vanish: second differences of a free profile, high waves of a section."""
+    """Rows to be kept small: second differences of the profile, high harmonics of the section."""
     profile, section = len(cone.profile), len(cone.section)
     bends = np.diff(np.eye(profile), n=2, axis=0) if profile > 2 else np.zeros((0, profile))
     orders = np.tile(np.arange(1, section // 2 + 1), 2)
-    waves = np.diag(orders**2 * float(np.mean(cone.profile) if profile else 1.0))
+    waves = np.diag(orders**2 * float(np.mean(cone.profile)))
     rows = np.zeros((len(bends) + section, 4 + profile + section))
     rows[: len(bends), 4 : 4 + profile] = bends
     rows[len(bends) :, 4 + profile :] = waves
     return rows
 
 
-def _solved(columns: Floats, misses: Floats, cone: ConeFit, damping: float) -> Floats:
-    """The damped step (4 + k,) that takes the misses away."""
-    rough = SMOOTH * math.sqrt(len(misses)) * _roughness(cone)
+def _damped_step(
+    jacobian: Floats, offsets: Floats, cone: ConeFit, damping: float, settings: ConeFitSettings
+) -> Floats:
+    """The damped step (4 + k,) that reduces the offsets."""
+    rough = settings.smoothing * math.sqrt(len(offsets)) * _roughness(cone)
     held = rough @ np.concatenate([np.zeros(4), cone.profile, cone.section])
-    sizes = np.sqrt(np.mean(columns**2, axis=0)) + 1e-12
-    damped = np.diag(math.sqrt(damping * len(misses)) * sizes)
-    rows = np.vstack([columns, rough, damped])
-    wanted = np.concatenate([-misses, -held, np.zeros(len(damped))])
-    return np.asarray(least_squares(rows / sizes, wanted) / sizes)
+    sizes = np.sqrt(np.mean(jacobian**2, axis=0)) + 1e-12
+    damped = np.diag(math.sqrt(damping * len(offsets)) * sizes)
+    rows = np.vstack([jacobian, rough, damped])
+    targets = np.concatenate([-offsets, -held, np.zeros(len(damped))])
+    return np.asarray(least_squares(rows / sizes, targets) / sizes)
 
 
-def least_squares(rows: Floats, wanted: Floats) -> Floats:
-    """The solution (k,) of full rank, by orthogonal factors."""
-    factor = np.asarray(np.linalg.qr(np.column_stack([rows, wanted]), mode="r"))
+def least_squares(rows: Floats, targets: Floats) -> Floats:
+    """The solution (k,) of a system of full rank, by QR."""
+    factor = np.asarray(np.linalg.qr(np.column_stack([rows, targets]), mode="r"))
     count = rows.shape[1]
     return np.asarray(np.linalg.solve(factor[:count, :count], factor[:count, count]))
 
 
-def _moved(cone: ConeFit, step: Floats, points: Floats) -> ConeFit:
-    """The cone after a step, and where on the moved axis its touched part now lies."""
-    axis = cone.axis + cone.across @ step[LEAN]
+def _stepped(cone: ConeFit, step: Floats) -> ConeFit:
+    """The cone after a step."""
+    axis = cone.axis + cone.across @ step[AXIS_TILT]
     axis /= np.linalg.norm(axis)
     first = cone.across[:, 0] - (cone.across[:, 0] @ axis) * axis
     first /= np.linalg.norm(first)
@@ -231,94 +255,118 @@ def _moved(cone: ConeFit, step: Floats, points: Floats) -> ConeFit:
     )
 
 
-def _reported(
-    cone: ConeFit, points: Floats, numbers: Longs, misses: Floats, sigma: float
+def _with_errors(
+    cone: ConeFit,
+    points: Floats,
+    numbers: Longs,
+    offsets: Floats,
+    sigma: float,
+    settings: ConeFitSettings,
 ) -> ConeFit:
-    """The cone with its residuals, and the error of its axis."""
-    columns = _columns(cone, points)
+    """The cone with its residuals and the error of its axis; `numbers` (n,): touch of a point."""
+    jacobian = _jacobian(cone, points, settings)
     counts = np.bincount(numbers)
-    # The points of a touch share its error: they count as one.
-    weighed = columns / (sigma * np.sqrt(counts[numbers]))[:, None]
-    rough = SMOOTH * math.sqrt(len(counts)) / sigma * _roughness(cone)
-    sizes = np.sqrt(np.mean(weighed**2, axis=0)) + 1e-12
-    inverse = np.linalg.pinv(np.vstack([weighed, rough]) / sizes)
+    # The points of a touch share its error, so that all together have the weight of one.
+    weighted = jacobian / (sigma * np.sqrt(counts[numbers]))[:, None]
+    rough = settings.smoothing * math.sqrt(len(counts)) / sigma * _roughness(cone)
+    sizes = np.sqrt(np.mean(weighted**2, axis=0)) + 1e-12
+    inverse = np.linalg.pinv(np.vstack([weighted, rough]) / sizes)
     spread = np.sqrt((inverse**2).sum(axis=1)) / sizes
-    by_touch = np.sqrt(np.bincount(numbers, misses**2) / counts)
+    by_touch = np.sqrt(np.bincount(numbers, offsets**2) / counts)
     return cone._replace(
-        rms=float(np.sqrt(np.mean(misses**2))),
+        rms=float(np.sqrt(np.mean(offsets**2))),
         worst=float(by_touch.max()),
-        axis_error=float(np.hypot(*spread[LEAN])),
+        axis_error=float(np.hypot(*spread[AXIS_TILT])),
     )
 
 
-def side_points(cone: ConeFit, points: Floats, near: float, rim: float) -> Floats:
-    """Those of points (n, 3) that are not on the rim of an end: far off, m, and near to one, m."""
+def side_points(
+    cone: ConeFit,
+    points: Floats,
+    max_offset: float,
+    rim: float,
+    settings: ConeFitSettings = DEFAULT_CONE_FIT,
+) -> Floats:
+    """Those of points (n, 3) that are not on the rim of an end.
+
+    On a rim they lie more than `max_offset` from the side, and less than `rim` from an end [m].
+    """
     heights, _, _ = _polar(cone, points)
     at_end = np.minimum(heights - cone.low, cone.high - heights) < rim
-    return points[~(at_end & (np.abs(_misses(cone, points)) > near))]
+    return points[~(at_end & (np.abs(_offsets(cone, points, settings)) > max_offset))]
 
 
 def widest_gap(cone: ConeFit, touches: Sequence[Floats]) -> float:
-    """The widest turn about the axis that nothing has touched, rad."""
+    """The widest untouched angle about the axis [rad]."""
     azimuths = np.sort(_polar(cone, np.concatenate(touches))[1])
     return float(np.diff(np.append(azimuths, azimuths[0] + 2.0 * math.pi)).max())
 
 
 class RoundEnd(NamedTuple):
-    """An end that closes smoothly: its squared radius is a polynomial of the way from its pole."""
+    """A smooth end: its squared radius is a polynomial of the depth below its pole."""
 
-    pole: float  # Height, m
-    edge: float  # Height at which it meets the profile, m
-    powers: Floats  # Factors of the first, second and third power of the way, m, 1 and 1/m
-    rms: float  # Of the points' distances, m
+    pole: float  # [m] height
+    edge: float  # [m] height at which it meets the profile
+    powers: Floats  # factors of the first, second and third power of the depth [m, 1, 1/m]
+    rms: float  # [m] of the points' distances
 
     def radius(self, heights: Floats) -> Floats:
-        """The radius (n,) between the edge and the pole, m."""
-        way = np.abs(self.pole - heights)
-        return np.sqrt(np.maximum(way[:, None] ** np.arange(1, 4) @ self.powers, 0.0))
+        """The radius (n,) between the edge and the pole [m]."""
+        depths = np.abs(self.pole - heights)
+        return np.sqrt(np.maximum(depths[:, None] ** np.arange(1, 4) @ self.powers, 0.0))
 
 
 def fit_round_end(cone: ConeFit, points: Floats, pole: float, edge: float) -> RoundEnd:
-    """A smooth end through points (n, 3), m, between its pole and where the profile is left.
+    """A smooth end through points (n, 3) [m], from its pole to the edge where the profile ends.
 
-    On a surface of revolution; of another section its mean radius.
+    Where the section is not round, its mean radius is fitted.
     """
     heights, azimuths, radii = _polar(cone, points)
-    radii = radii / _waves(cone, azimuths)
+    radii = radii / _section_factor(cone, azimuths)
     between = np.linspace(edge, edge + 0.1 * (edge - pole), 10)
     heights = np.concatenate([heights, np.repeat(between, max(len(points) // 20, 1))])
-    inner = cone.radius(between, np.zeros(10)) / _waves(cone, np.zeros(10))
+    inner = cone.radius(between, np.zeros(10)) / _section_factor(cone, np.zeros(10))
     radii = np.concatenate([radii, np.repeat(inner, max(len(points) // 20, 1))])
-    way = np.abs(pole - heights)
-    rows = way[:, None] ** np.arange(1, 4)
-    # The squared radius of a place is off by as much as the place, times its slope.
+    rows = np.abs(pole - heights)[:, None] ** np.arange(1, 4)
+    # The error of a squared radius is that of the point, times the slope.
     weights = 1.0 / np.maximum(2.0 * radii + np.abs(pole - edge), 1e-6)
     powers = np.linalg.lstsq(rows * weights[:, None], radii**2 * weights, rcond=None)[0]
-    off = (radii**2 - rows @ powers) * weights
-    return RoundEnd(pole, edge, powers, float(np.sqrt(np.mean(off**2))))
+    residuals = (radii**2 - rows @ powers) * weights
+    return RoundEnd(pole, edge, powers, float(np.sqrt(np.mean(residuals**2))))
 
 
-def cone_mesh(cone: ConeFit, low: float | RoundEnd, high: float | RoundEnd) -> Mesh:
-    """Its closed surface between two ends: plane at a height, m, or round."""
-    ends = [one.edge if isinstance(one, RoundEnd) else one for one in (low, high)]
-    heights = np.linspace(ends[0], ends[1], ALONG)
-    azimuths = 2.0 * math.pi * np.arange(ROUND_ABOUT) / ROUND_ABOUT
-    waves = _waves(cone, azimuths)
-    means = cone.radius(heights, np.zeros(ALONG)) / _waves(cone, np.zeros(ALONG))
+def cone_mesh(
+    cone: ConeFit,
+    low: float | RoundEnd,
+    high: float | RoundEnd,
+    *,
+    n_azimuths: int = 144,
+    n_heights: int = 120,
+    n_end_rings: int = 24,
+) -> Mesh:
+    """Its closed surface between two ends: each a height [m], where it is plane, or round.
+
+    It has `n_azimuths` by `n_heights` vertices, and `n_end_rings` - 1 rings on each round end.
+    """
+    ends = [end.edge if isinstance(end, RoundEnd) else end for end in (low, high)]
+    heights, zeros = np.linspace(ends[0], ends[1], n_heights), np.zeros(n_heights)
+    azimuths = 2.0 * math.pi * np.arange(n_azimuths) / n_azimuths
+    radii = cone.radius(heights, zeros) / _section_factor(cone, zeros)
     poles = [ends[0], ends[1]]
-    for number, one in enumerate((low, high)):
-        if not isinstance(one, RoundEnd):
+    for number, end in enumerate((low, high)):
+        if not isinstance(end, RoundEnd):
             continue
-        # Closer and closer to the pole, where the surface turns into it.
-        share = 1.0 - np.arange(1, ROUND) ** 2 / ROUND**2
-        over = one.pole + share[:: 1 - 2 * (number == 0)] * (one.edge - one.pole)
-        added = (over, heights) if number == 0 else (heights, over)
-        radii = (one.radius(over), means) if number == 0 else (means, one.radius(over))
-        heights, means, poles[number] = np.concatenate(added), np.concatenate(radii), one.pole
-    ways = np.cos(azimuths)[:, None] * cone.across[:, 0]
-    ways = ways + np.sin(azimuths)[:, None] * cone.across[:, 1]
+        # Rings lie closer together towards the pole, where the surface turns into it.
+        share = 1.0 - np.arange(1, n_end_rings) ** 2 / n_end_rings**2
+        step = -1 if number == 0 else 1
+        levels = end.pole + share[::step] * (end.edge - end.pole)
+        heights = np.concatenate([levels, heights][::-step])
+        radii = np.concatenate([end.radius(levels), radii][::-step])
+        poles[number] = end.pole
+    outward = np.cos(azimuths)[:, None] * cone.across[:, 0]
+    outward = outward + np.sin(azimuths)[:, None] * cone.across[:, 1]
     rings = (cone.point + heights[:, None] * cone.axis)[:, None] + (
-        np.outer(np.maximum(means, 1e-6), waves)[:, :, None] * ways
+        np.outer(np.maximum(radii, 1e-6), _section_factor(cone, azimuths))[:, :, None] * outward
     )
-    bottom, top = (cone.point + one * cone.axis for one in poles)
+    bottom, top = (cone.point + pole * cone.axis for pole in poles)
     return Mesh(*close_rings(bottom, rings, top))

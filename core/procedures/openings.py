@@ -1,15 +1,16 @@
-"""Hole and cavity explorer: fingers that fall in (Allen; Fung, 1999, 1.4.2 names his explorer).
+"""Hole and cavity explorer: fingers that enter openings (Allen; named by Fung, 1999, 1.4.2).
 
-A finger comes from above and from four sides, place by place, and what it sweeps is free in the
-map of space. What is free inside the convex hull of all that was touched is an opening: a hole if
-it has two mouths, a cavity if its bottom was touched. A hole narrower than the pad shows in the
-tactile image, as taxels that touch nothing between others that do.
+A finger comes from above and from four sides, place by place, and the space that it sweeps is
+marked free. Free space inside the convex hull of all touched points is an opening: a hole if it has
+two mouths, a cavity if its bottom was touched. A hole narrower than the pad shows in the tactile
+image, as untouched taxels between touched ones.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Generator
+from dataclasses import dataclass, field
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -18,48 +19,62 @@ from palpate.core.arrays import Bools, Floats
 from palpate.core.explore import SWEEPS, TOUCHED, Longs, SpaceMap, empty_map, swept_places
 from palpate.core.poses import axes_along
 from palpate.core.procedures.protocol import (
-    CLEARANCE,
-    STANDOFF,
     UP,
     Contact,
     Exploration,
     Findings,
     FingerMove,
-    Met,
     Move,
-    TouchSetting,
+    MoveResult,
+    TouchSetup,
     approach,
-    kept_clear,
+    clear_of_platform,
     touch,
     touch_from_above,
 )
 
-PITCH = 0.7  # Of the pad's width, between two places
-INSIDE = 5.0e-3  # Depth in the hull from which free space is an opening, m
-SKIN, MOUTH = 2.0e-3, 6.0e-3  # What is nearer to the hull tells nothing; so near is a mouth, m
-LEAST = 12  # Voxels of an opening
-N_SECTORS = 16  # Azimuths in which the rim of a mouth is looked for
-SAME_SIDE = 0.7  # Cosine between mouths that open to one side
-NEAR = 0.75  # Of the pad's width: places so near to each other mean one opening
-GROOVE = 0.6  # Length of a mouth's mean normal: what goes around the object is no opening
-BOTTOM = 9.0e-3  # A bottom lies within so much beyond the deepest free place, m
-# A pad whose contact is so far off its middle, over its width, stands on a rim; off it, so many
-# times that, there may be an opening.
-ASIDE, OFF_RIM = 0.2, 1.5
-SHIFT, MOST_SHIFTS = 0.4, 5  # Of the way from what a pad stands on to its middle, to fall in
-NARROW = 4.0e-3  # Least width of a hole in a tactile image, m
-SIDES = np.array([[1.0, 0, 0], [-1.0, 0, 0], [0, 1.0, 0], [0, -1.0, 0]])
+SIDES: tuple[Floats, ...] = tuple(np.array([[1.0, 0, 0], [-1.0, 0, 0], [0, 1.0, 0], [0, -1.0, 0]]))
 OpeningKind = Literal["hole", "cavity", "open"]
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EntrySettings:
+    """How a finger that stands on the rim of an opening is moved until it enters."""
+
+    rim_offset: float = 0.2  # fraction of the pad's width, of a contact from the pad's middle
+    hole_distance: float = 1.5  # times that offset, from the pad's middle to the opening
+    min_side_cosine: float = 0.9  # between a contact's outward normal and that of a side
+    merge_distance: float = 0.75  # fraction of the pad's width, between places of one opening
+    shift: float = 0.4  # fraction of a contact's offset from the pad's middle
+    max_shifts: int = 5
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OpeningSettings:
+    """When free space inside the convex hull is an opening, and of which kind."""
+
+    min_depth: float = 5.0e-3  # [m] of an opening in the hull
+    skin: float = 2.0e-3  # [m] below the hull, where free space is ignored
+    mouth_depth: float = 6.0e-3  # [m] below the hull, down to which an opening is its mouth
+    min_voxels: int = 12  # of an opening; half of it of a mouth
+    n_sectors: int = 16  # azimuths in which the rim of a mouth is located
+    same_side: float = 0.7  # cosine between the normals of mouths on one side, which are one
+    # Length of a mouth's mean normal; of a groove around the object it is shorter.
+    min_mean_normal: float = 0.6
+    max_hole_cosine: float = 0.5  # between the normals of a hole's mouths
+    bottom_distance: float = 9.0e-3  # [m] of a bottom, behind and beside the deepest free place
+    min_width: float = 4.0e-3  # [m] of a hole in a tactile image
+    entry: EntrySettings = EntrySettings()
+
+
 class Opening(NamedTuple):
-    """A hole, a cavity, or an opening whose end no finger has reached."""
+    """A hole, a cavity, or an opening whose end was not reached."""
 
     kind: OpeningKind
-    place: Floats  # Middle of its mouth, (3,), m
-    axis: Floats  # Outward unit normal of the mouth, (3,)
-    width: float  # Diameter of a circle with the mouth's area, m
-    depth: float  # From the mouth to its bottom, or the deepest place known to be free, m
+    place: Floats  # middle of its mouth, (3,) [m]
+    axis: Floats  # outward unit normal of the mouth, (3,)
+    width: float  # [m] diameter of a circle with the mouth's area
+    depth: float  # [m] from the mouth to the bottom, or to the deepest free place
 
 
 class FoundOpenings(NamedTuple):
@@ -68,162 +83,181 @@ class FoundOpenings(NamedTuple):
     openings: tuple[Opening, ...]
 
 
-class _Probed(NamedTuple):
-    """What the fingers have found so far."""
+@dataclass(frozen=True, slots=True)
+class _Survey:
+    """All that fingers have swept and touched."""
 
-    swept: list[Floats]  # Places that are free, (n, 3) each, m
-    points: list[Floats]  # Touched ones
-    hollow: list[tuple[Floats, Floats]]  # Places that pads spanned, and the outward normal there
-    wanted: list[tuple[Floats, Floats]]  # Where pads might have fallen in, and from where, as this
+    setup: TouchSetup
+    settings: OpeningSettings
+    swept: list[Floats] = field(default_factory=list)  # free places, (n, 3) each [m]
+    points: list[Floats] = field(default_factory=list)  # touched points, (n, 3) each [m]
+    # Untouched places between touched taxels, (n, 3) [m], and the outward normal there, (3,).
+    hollow: list[tuple[Floats, Floats]] = field(default_factory=list)
+    # Places off a rim, (3,) [m], where there may be an opening, and the outward normal, (3,).
+    candidates: list[tuple[Floats, Floats]] = field(default_factory=list)
+
+    def extent(self) -> tuple[Floats, Floats]:
+        """Least and largest coordinates of the touched points [m]."""
+        points = np.concatenate(self.points)
+        return points.min(axis=0), points.max(axis=0)
 
 
-def openings(setting: TouchSetting, pitch: float = PITCH) -> Exploration:
-    """Probe from above and from four sides, and tell the holes and cavities.
+def openings(
+    setup: TouchSetup, pitch: float = 0.7, settings: OpeningSettings = OpeningSettings()
+) -> Exploration:
+    """Probe from above and from four sides, and report the holes and cavities.
 
-    `pitch`: distance of the places over the pad's width, 0.3 to 1, else ValueError. Findings:
-    `FoundOpenings`, maybe none. What is narrower than the pad is seen only from above it.
+    `pitch`: distance of the probed places over the pad's width, 0.3 to 1, else ValueError.
+    Findings: `FoundOpenings`, possibly none. An opening narrower than the pad is found only where a
+    pad stands over it.
     """
     if not 0.3 <= pitch <= 1.0:
         raise ValueError(f"pitch must be from 0.3 to 1, got {pitch}")
-    first = yield from touch_from_above(setting)
+    first = yield from touch_from_above(setup)
     if first is None:
         return Findings(status="incomplete", reason="nothing was touched within reach")
-    found, step = _Probed([], [first.points], [], []), pitch * setting.width
-    yield from _from_above(setting, found, first.middle, step)
-    low, high = _extent(found)
+    survey, step = _Survey(setup, settings), pitch * setup.width
+    survey.points.append(first.points)
+    yield from _from_above(survey, first.middle, step)
+    yield from _from_sides(survey, step)
+    yield from _probe_between_rims(survey)
+    return _findings(survey)
+
+
+def _from_sides(survey: _Survey, step: float) -> Generator[Move, MoveResult, None]:
+    """Probe from four sides, on a grid over the extent of the object."""
+    setup, (low, high) = survey.setup, survey.extent()
     for outward in SIDES:
         across = np.cross(UP, outward)
-        reach = np.abs(across @ np.stack([low, high]).T)
-        for height in np.arange(setting.platform + CLEARANCE, high[2], step):
-            for aside in np.arange(-reach.max(), reach.max() + step, step):
+        reach = np.abs(across @ np.stack([low, high]).T).max()
+        lowest = setup.platform + setup.common.fingertip_radius
+        for height in np.arange(lowest, high[2], step):
+            for offset in np.arange(-reach, reach + step, step):
                 middle = 0.5 * (low + high)
-                place = aside * across + middle * np.abs(outward) + height * UP
-                yield from _probe(setting, found, _across(setting, place, outward, low, high))
-    yield from _centred(setting, found)
-    return _findings(setting, found)
+                place = offset * across + middle * np.abs(outward) + height * UP
+                yield from _probe(survey, _through_move(survey, place, outward, low, high))
 
 
-def _across(
-    setting: TouchSetting, place: Floats, outward: Floats, low: Floats, high: Floats
+def _through_move(
+    survey: _Survey, place: Floats, outward: Floats, low: Floats, high: Floats
 ) -> FingerMove | None:
-    """The move through a place from before all that was touched to behind it."""
-    room = 0.5 * float((high - low) @ np.abs(outward)) + STANDOFF
-    return kept_clear(setting, approach(place, outward, room, room))
+    """The move through a place from in front of all touched points to behind them."""
+    distance = 0.5 * float((high - low) @ np.abs(outward)) + survey.setup.common.standoff
+    return clear_of_platform(survey.setup, approach(place, outward, distance, distance))
 
 
-def _from_above(
-    setting: TouchSetting, found: _Probed, start: Floats, step: float
-) -> Generator[Move, Met, None]:
-    """Probe from above, place beside place, as far as the object goes."""
-    waiting, known = [(0, 0)], {(0, 0)}
+def _from_above(survey: _Survey, start: Floats, step: float) -> Generator[Move, MoveResult, None]:
+    """Probe from above, on a grid from `start` on, as far as the object extends."""
+    setup, waiting, known = survey.setup, [(0, 0)], {(0, 0)}
     while waiting:
         i, j = waiting.pop(0)
         place = start + step * np.array([i, j, 0.0])
-        top = max(float(one[:, 2].max()) for one in found.points) + STANDOFF
-        place[2] = setting.platform
-        move = kept_clear(setting, approach(place, UP, top - setting.platform, 0.0))
-        contact = yield from _probe(setting, found, move)
-        if contact is not None and contact.met:
-            beside = ((i + 1, j), (i - 1, j), (i, j + 1), (i, j - 1))
-            waiting += [one for one in beside if one not in known]
-            known.update(beside)
+        top = max(float(points[:, 2].max()) for points in survey.points) + setup.common.standoff
+        place[2] = setup.platform
+        move = clear_of_platform(setup, approach(place, UP, top - setup.platform, 0.0))
+        contact = yield from _probe(survey, move)
+        if contact is not None and contact.is_hit:
+            neighbours = ((i + 1, j), (i - 1, j), (i, j + 1), (i, j - 1))
+            waiting += [cell for cell in neighbours if cell not in known]
+            known.update(neighbours)
 
 
-def _probe(
-    setting: TouchSetting, found: _Probed, move: FingerMove | None
-) -> Generator[Move, Met, Contact | None]:
-    """One guarded move, and what it says of the space that it goes through."""
+def _probe(survey: _Survey, move: FingerMove | None) -> Generator[Move, MoveResult, Contact | None]:
+    """One guarded move; keeps the space that it sweeps, its contact, and a possible opening."""
     if move is None:
         return None
-    contact = yield from touch(setting, move)
-    axis, met = move.pose.axes[:, 2], contact.outcome != "miss"
+    setup, entry = survey.setup, survey.settings.entry
+    contact = yield from touch(setup, move)
+    axis, is_stopped = move.pose.axes[:, 2], contact.outcome != "miss"
     if contact.outcome != "inside":
-        end = contact.pose if met else move.pose.advanced(move.reach)
-        found.swept.append(swept_places(setting.pad, move.pose, end, SWEEPS.voxel, touched=met))
-    if contact.met:
-        found.points.append(contact.points)
+        end = contact.pose if is_stopped else move.pose.advanced(move.reach)
+        survey.swept.append(
+            swept_places(setup.pad, move.pose, end, SWEEPS.voxel, touched=is_stopped)
+        )
+    if contact.is_hit:
+        survey.points.append(contact.points)
         if len(contact.hollow):
-            found.hollow.append((contact.hollow, -axis))
-        off = move.pose.position - contact.points.mean(axis=0)
-        off -= (off @ axis) * axis
-        if np.linalg.norm(off) > ASIDE * setting.width:
-            found.wanted.append((contact.points.mean(axis=0) + (1.0 + OFF_RIM) * off, -axis))
+            survey.hollow.append((contact.hollow, -axis))
+        middle = contact.points.mean(axis=0)
+        offset = _across_axis(move.pose.position - middle, axis)
+        if np.linalg.norm(offset) > entry.rim_offset * setup.width:
+            place = middle + (1.0 + entry.hole_distance) * offset
+            survey.candidates.append((place, -axis))
     return contact
 
 
-def _centred(setting: TouchSetting, found: _Probed) -> Generator[Move, Met, None]:
-    """Probe once more between the rims on which pads stood, to fall in where nobody did."""
-    low, high = _extent(found)
+def _across_axis(vector: Floats, axis: Floats) -> Floats:
+    """The part of a vector (3,) that is square to a unit vector (3,)."""
+    return np.asarray(vector - (vector @ axis) * axis)
+
+
+def _probe_between_rims(survey: _Survey) -> Generator[Move, MoveResult, None]:
+    """Probe again between the rims on which pads stood, to enter what was missed."""
+    (low, high), settings = survey.extent(), survey.settings
+    entry, margin = settings.entry, settings.min_depth
     for outward in (UP, *SIDES):
         level = np.abs(outward) < 0.5
-        wanted = [place for place, way in found.wanted if way @ outward > 0.9]
-        places = np.array([one for one in wanted if _within(one, low, high, level)])
+        least = entry.min_side_cosine
+        facing = [place for place, normal in survey.candidates if normal @ outward > least]
+        inner = (((p > low + margin) & (p < high - margin))[level].all() for p in facing)
+        places = np.array([place for place, is_in in zip(facing, inner, strict=True) if is_in])
         if len(places) < 2:
             continue
-        for group in _together(places[:, level], NEAR * setting.width):
+        for group in _place_groups(places[:, level], entry.merge_distance * survey.setup.width):
             if len(group) > 1:
                 place = places[group].mean(axis=0)
                 place += (0.5 * (low + high) - place) * ~level
-                yield from _fall_in(setting, found, place, outward, (low, high))
+                yield from _probe_until_inside(survey, place, outward, (low, high))
 
 
-def _fall_in(
-    setting: TouchSetting,
-    found: _Probed,
-    place: Floats,
-    outward: Floats,
-    extent: tuple[Floats, Floats],
-) -> Generator[Move, Met, None]:
-    """Probe a place, and beside it, off the rim on which the pad stands, until it falls in."""
-    for _ in range(MOST_SHIFTS):
-        contact = yield from _probe(setting, found, _across(setting, place, outward, *extent))
-        if contact is None or not contact.met:
+def _probe_until_inside(
+    survey: _Survey, place: Floats, outward: Floats, extent: tuple[Floats, Floats]
+) -> Generator[Move, MoveResult, None]:
+    """Probe a place, shifted off the rim on which the pad stands until the pad enters."""
+    for _ in range(survey.settings.entry.max_shifts):
+        contact = yield from _probe(survey, _through_move(survey, place, outward, *extent))
+        if contact is None or not contact.is_hit:
             return
-        off = contact.pose.position - contact.points.mean(axis=0)
-        off -= (off @ outward) * outward
-        if np.linalg.norm(off) < setting.pad.pitch:
+        offset = _across_axis(contact.pose.position - contact.points.mean(axis=0), outward)
+        if np.linalg.norm(offset) < survey.setup.pad.pitch:
             return
-        place = place + SHIFT * off
+        place = place + survey.settings.entry.shift * offset
 
 
-def _within(place: Floats, low: Floats, high: Floats, level: Bools) -> bool:
-    return bool(((place > low + INSIDE) & (place < high - INSIDE))[level].all())
-
-
-def _together(places: Floats, near: float) -> list[Longs]:
-    """Numbers of places (n, k) that a chain of steps of at most `near` joins, group by group."""
+def _place_groups(places: Floats, max_step: float) -> list[Longs]:
+    """Numbers of places (n, k) by group; neighbours in a group are at most `max_step` apart."""
     from palpate.core.geometry import linked_groups
 
-    apart = np.linalg.norm(places[:, None] - places[None], axis=2)
-    groups = linked_groups(len(places), *np.nonzero(apart <= near))
+    distances = np.linalg.norm(places[:, None] - places[None], axis=2)
+    groups = linked_groups(len(places), *np.nonzero(distances <= max_step))
     return [np.flatnonzero(groups == group) for group in np.unique(groups)]
 
 
-def _extent(found: _Probed) -> tuple[Floats, Floats]:
-    points = np.concatenate(found.points)
-    return points.min(axis=0), points.max(axis=0)
-
-
-def _findings(setting: TouchSetting, found: _Probed) -> Findings:
-    """The openings that the map of space shows."""
-    space = empty_map(setting.reach, setting.platform)
-    points = np.concatenate(found.points)
-    free = space.numbers(np.concatenate([np.zeros((0, 3)), *found.swept]))
+def _findings(survey: _Survey) -> Findings:
+    """The openings in the map of space, and those in tactile images."""
+    space = empty_map(survey.setup.reach, survey.setup.platform)
+    points = np.concatenate(survey.points)
+    free = space.numbers(np.concatenate([np.zeros((0, 3)), *survey.swept]))
     space = space.marked(free, space.numbers(points))
-    wide = openings_in(space, points)
-    shape = FoundOpenings((*wide, *_narrow(setting, found, wide)))
-    told = [one.kind for one in shape.openings]
+    wide = openings_in(space, points, survey.settings)
+    shape = FoundOpenings((*wide, *_narrow_openings(survey, wide)))
+    kinds = [opening.kind for opening in shape.openings]
     names: dict[str, OpeningKind] = {"holes": "hole", "cavities": "cavity", "open_ends": "open"}
-    figures = {name: float(told.count(kind)) for name, kind in names.items()}
+    figures = {name: float(kinds.count(kind)) for name, kind in names.items()}
     figures["free_m3"] = float(len(free)) * space.step**3
-    reason = f"{told.count('hole')} holes, {told.count('cavity')} cavities"
-    if told.count("open"):
-        reason += f", and {told.count('open')} openings whose end no finger has reached"
+    reason = f"{kinds.count('hole')} holes, {kinds.count('cavity')} cavities"
+    if kinds.count("open"):
+        reason += f", and {kinds.count('open')} openings whose end no finger has reached"
     return Findings(status="done", reason=reason, shape=shape, figures=figures)
 
 
-def openings_in(space: SpaceMap, points: Floats) -> tuple[Opening, ...]:
-    """What is free in the convex hull of points (n, 3), m, the widest first; none of a plane."""
+def openings_in(
+    space: SpaceMap, points: Floats, settings: OpeningSettings = OpeningSettings()
+) -> tuple[Opening, ...]:
+    """Free space in the convex hull of points (n, 3) [m], the widest opening first.
+
+    Points on a plane have no openings.
+    """
     from scipy.ndimage import label
     from scipy.spatial import ConvexHull, QhullError
 
@@ -238,126 +272,137 @@ def openings_in(space: SpaceMap, points: Floats) -> tuple[Opening, ...]:
         return ()
     above = places @ normals.T + offsets
     depth, nearest = -above.max(axis=1), above.argmax(axis=1)
-    inner = depth > SKIN
-    groups = _groups(space, places, inner, label, None)
+    groups = _voxel_groups(space, places, depth > settings.skin, label, None)
     touched = np.argwhere(space.states == TOUCHED) * space.step + space.low
-    found = []
+    all_openings = []
     for group in range(1, int(groups.max(initial=0)) + 1):
-        of_it = groups == group
-        if (of_it & (depth > INSIDE)).sum() < LEAST:
+        members = groups == group
+        if (members & (depth > settings.min_depth)).sum() < settings.min_voxels:
             continue
-        mouth = _groups(space, places, of_it & (depth <= MOUTH), label, np.ones((3, 3, 3)))
-        mouths = _mouths(places, mouth, normals[nearest], touched)
+        is_mouth = members & (depth <= settings.mouth_depth)
+        mouth = _voxel_groups(space, places, is_mouth, label, np.ones((3, 3, 3)))
+        mouths = _mouths(places, mouth, normals[nearest], touched, settings)
         if mouths:
-            found.append(_opening(places[of_it], depth[of_it], mouths, touched))
-    return tuple(sorted(found, key=lambda one: -one.width))
+            all_openings.append(
+                _classified(places[members], depth[members], mouths, touched, settings)
+            )
+    return tuple(sorted(all_openings, key=lambda opening: -opening.width))
 
 
-def _groups(
-    space: SpaceMap, places: Floats, members: Bools, label: Any, beside: Floats | None
+def _voxel_groups(
+    space: SpaceMap, places: Floats, members: Bools, label: Any, neighbours: Floats | None
 ) -> Longs:
-    """Number of the group of voxels to which each place belongs, (n,); 0 of none."""
-    at = np.round((places - space.low) / space.step).astype(int)
+    """Number of the connected group of voxels to which each place belongs, (n,); 0 of none."""
+    cells = np.round((places - space.low) / space.step).astype(int)
     grid = np.zeros(space.states.shape, bool)
-    grid[tuple(at[members].T)] = True
-    found: Longs = label(grid, beside)[0][tuple(at.T)]
-    return found * members
+    grid[tuple(cells[members].T)] = True
+    groups: Longs = label(grid, neighbours)[0][tuple(cells.T)]
+    return groups * members
 
 
 class _Mouth(NamedTuple):
     """Where an opening reaches the hull."""
 
-    place: Floats
-    axis: Floats  # Outward unit normal
-    area: float  # m2
+    place: Floats  # its middle, (3,) [m]
+    axis: Floats  # outward unit normal, (3,)
+    area: float  # [m2]
 
 
-def _mouths(places: Floats, groups: Longs, normals: Floats, touched: Floats) -> list[_Mouth]:
+def _mouths(
+    places: Floats, groups: Longs, normals: Floats, touched: Floats, settings: OpeningSettings
+) -> list[_Mouth]:
     """The mouths of an opening, that from above first, then the widest; none of a groove.
 
-    What opens to one side is one mouth, though fingers have found it in pieces.
+    Pieces on one side of the object are one mouth.
     """
-    pieces = [np.flatnonzero(groups == one) for one in range(1, int(groups.max(initial=0)) + 1)]
+    count = int(groups.max(initial=0))
+    pieces = [np.flatnonzero(groups == number) for number in range(1, count + 1)]
     sides: list[list[Longs]] = []
     for piece in sorted(pieces, key=len, reverse=True):
         normal = normals[piece].mean(axis=0)
-        if np.linalg.norm(normal) < GROOVE or len(piece) < LEAST // 2:
+        is_groove = np.linalg.norm(normal) < settings.min_mean_normal
+        if is_groove or len(piece) < settings.min_voxels // 2:
             continue
         for side in sides:
-            if normals[side[0]].mean(axis=0) @ normal > SAME_SIDE:
+            if normals[side[0]].mean(axis=0) @ normal > settings.same_side:
                 side.append(piece)
                 break
         else:
             sides.append([piece])
-    found = [_mouth(places, normals, np.concatenate(side), touched) for side in sides]
-    return sorted(found, key=lambda one: (-round(float(one.axis[2])), -one.area))
+    mouths = [_mouth(places, normals, np.concatenate(side), touched, settings) for side in sides]
+    return sorted(mouths, key=lambda mouth: (-round(float(mouth.axis[2])), -mouth.area))
 
 
-def _mouth(places: Floats, normals: Floats, members: Longs, touched: Floats) -> _Mouth:
+def _mouth(
+    places: Floats, normals: Floats, members: Longs, touched: Floats, settings: OpeningSettings
+) -> _Mouth:
     """The mouth of some of the free places (n, 3).
 
-    On each azimuth its rim is midway between what is free and what was touched (k, 3) about it:
-    only whole pads fall in, so that the free places alone make it too small.
+    On each azimuth its rim is midway between the free places and the touched ones (k, 3) around
+    them: only whole pads enter, so that the free places alone give too small a mouth.
     """
     normal = normals[members].mean(axis=0)
     normal /= np.linalg.norm(normal)
     middle, across = places[members].mean(axis=0), axes_along(normal)[:, :2]
-    off = touched - middle
-    free, free_sectors = _polar((places[members] - middle) @ across)
-    rim, rim_sectors = _polar(off[np.abs(off @ normal) <= MOUTH] @ across)
-    inner, outer = np.zeros(N_SECTORS), np.full(N_SECTORS, math.inf)
+    offsets, count = touched - middle, settings.n_sectors
+    free, free_sectors = _polar((places[members] - middle) @ across, count)
+    is_level = np.abs(offsets @ normal) <= settings.mouth_depth
+    rim, rim_sectors = _polar(offsets[is_level] @ across, count)
+    inner, outer = np.zeros(count), np.full(count, math.inf)
     np.maximum.at(inner, free_sectors, free)
-    beyond = rim > inner[rim_sectors]
-    np.minimum.at(outer, rim_sectors[beyond], rim[beyond])
+    is_outside = rim > inner[rim_sectors]
+    np.minimum.at(outer, rim_sectors[is_outside], rim[is_outside])
     radii = np.where(np.isfinite(outer), 0.5 * (inner + outer), inner)
     return _Mouth(middle, normal, math.pi * float((radii**2).mean()))
 
 
-def _polar(flat: Floats) -> tuple[Floats, Longs]:
-    """Radius of places (n, 2), and in which of the sectors each lies."""
+def _polar(flat: Floats, n_sectors: int) -> tuple[Floats, Longs]:
+    """Radius of places (n, 2), and the sector of each."""
     turns = np.arctan2(flat[:, 1], flat[:, 0]) / (2.0 * math.pi) % 1.0
-    return np.hypot(flat[:, 0], flat[:, 1]), (turns * N_SECTORS).astype(np.int64) % N_SECTORS
+    return np.hypot(flat[:, 0], flat[:, 1]), (turns * n_sectors).astype(np.int64) % n_sectors
 
 
-def _opening(places: Floats, depth: Floats, mouths: list[_Mouth], touched: Floats) -> Opening:
-    """What an opening is, by its mouths and its bottom."""
+def _classified(
+    places: Floats,
+    depth: Floats,
+    mouths: list[_Mouth],
+    touched: Floats,
+    settings: OpeningSettings,
+) -> Opening:
+    """An opening, of the kind that its mouths and its bottom show."""
     mouth = mouths[0]
     below = (mouth.place - places) @ mouth.axis
     deepest = places[int(below.argmax())]
-    at_mouth = depth[np.abs(below) <= MOUTH]
-    deep = float(below.max()) + (float(at_mouth.mean()) if len(at_mouth) else SKIN)
+    at_mouth = depth[np.abs(below) <= settings.mouth_depth]
+    total = float(below.max()) + (float(at_mouth.mean()) if len(at_mouth) else settings.skin)
     kind: OpeningKind = "open"
-    if len(mouths) > 1 and min(one.axis @ mouth.axis for one in mouths[1:]) < 0.5:
+    cosines = [other.axis @ mouth.axis for other in mouths[1:]]
+    if min(cosines, default=1.0) < settings.max_hole_cosine:
         kind = "hole"
     else:
-        off = touched - deepest
-        aside = np.linalg.norm(off - np.outer(off @ mouth.axis, mouth.axis), axis=1)
-        beyond = -(off @ mouth.axis)
-        bottom = beyond[(aside < BOTTOM) & (beyond > 0.0) & (beyond < BOTTOM)]
+        offsets, reach = touched - deepest, settings.bottom_distance
+        along = offsets @ mouth.axis
+        aside, behind = np.linalg.norm(offsets - np.outer(along, mouth.axis), axis=1), -along
+        bottom = behind[(aside < reach) & (behind > 0.0) & (behind < reach)]
         if len(bottom):
-            kind, deep = "cavity", deep + float(np.median(bottom))
+            kind, total = "cavity", total + float(np.median(bottom))
     width = math.sqrt(4.0 * mouth.area / math.pi)
-    return Opening(kind, mouth.place, mouth.axis, width, deep)
+    return Opening(kind, mouth.place, mouth.axis, width, total)
 
 
-def _narrow(
-    setting: TouchSetting, found: _Probed, wide: tuple[Opening, ...]
-) -> tuple[Opening, ...]:
-    """Openings too narrow for the pad: what contacts spanned, and nothing touched anywhere."""
+def _narrow_openings(survey: _Survey, wide: tuple[Opening, ...]) -> tuple[Opening, ...]:
+    """Openings too narrow for the pad: untouched between taxels, and by all other contacts."""
     from palpate.core.geometry import point_tree
 
-    tree = point_tree(np.concatenate(found.points))
+    setup, tree = survey.setup, point_tree(np.concatenate(survey.points))
     kept: list[Opening] = []
-    for places, outward in found.hollow:
-        places = places[np.asarray(tree.query(places)[0]) > setting.pad.pitch]
-        width = math.sqrt(4.0 * len(places) / math.pi) * setting.pad.pitch
-        if width < NARROW:
+    for spanned, outward in survey.hollow:
+        places = spanned[np.asarray(tree.query(spanned)[0]) > setup.pad.pitch]
+        width = math.sqrt(4.0 * len(places) / math.pi) * setup.pad.pitch
+        if width < survey.settings.min_width:
             continue
-        one = Opening("open", places.mean(axis=0), outward, width, 0.0)
-        near = (
-            np.linalg.norm(other.place - one.place) < max(other.width, one.width, setting.width)
-            for other in (*wide, *kept)
-        )
-        if not any(near):
-            kept.append(one)
+        place, least = places.mean(axis=0), max(width, setup.width)
+        distances = ((np.linalg.norm(o.place - place), o.width) for o in (*wide, *kept))
+        if not any(distance < max(other, least) for distance, other in distances):
+            kept.append(Opening("open", place, outward, width, 0.0))
     return tuple(kept)

@@ -1,9 +1,9 @@
-"""What an exploratory procedure asks for, what it is told, and what it finds.
+"""What an exploratory procedure requests, what it receives, and what it returns.
 
-A procedure is a generator. It yields what the fingers or the hand shall do, is sent what they met,
-and returns its findings: the loop of Lederman and Klatzky's *exploratory procedures*, as Allen
-turned them into robot motions (Fung, 1999, 1.4.3.2), reads as it is printed. It sees nothing but
-what it is sent, so that the same results in the same order give the same findings.
+A procedure is a generator: it yields moves of the fingers or the hand, is sent their results, and
+returns its findings. So Lederman and Klatzky's *exploratory procedures*, as Allen turned them into
+robot motions (Fung, 1999, 1.4.3.2), read as they are printed. The results are a procedure's only
+input: the same results in the same order give the same findings.
 """
 
 from __future__ import annotations
@@ -22,160 +22,166 @@ from palpate.core.poses import Pose, axes_along
 from palpate.core.shapes import Mesh
 from palpate.core.touch import HITS, Pad, PatchKind, TouchOutcome
 
-# Standard deviations of where a finger believes to be, along each axis, m, and how turned, rad.
-POINT_ERROR, ANGLE_ERROR = 0.1e-3, math.radians(0.1)
-UNSUITED = 3.0  # Standard deviations: what is farther off than that is another kind of object
-WORST = 5.0  # The same of the worst touch, of some hundred
-STANDOFF = 15.0e-3  # From where a surface is approached that has been touched, m
-BACK_OFF, MOST_BACK = 25.0e-3, 2  # A move that began inside is begun so much farther off, m
-CLEARANCE = 8.0e-3  # Half a fingertip: it stays this far above the platform, m
-ABOVE = 1.0e-3  # So near to the platform a finger comes from above, m
-SEARCH_SPACING = 12.0e-3  # Of the places at which an object is looked for, m
+UP: Floats = np.array([0.0, 0.0, 1.0])
+UP.setflags(write=False)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CommonSettings:
+    """What all procedures share: how fingers approach, and when a model is refused."""
+
+    max_rms: float = 3.0  # [standard deviations] of a model's residuals; beyond it: unsuited
+    max_touch_error: float = 5.0  # [standard deviations] of the worst of some hundred touches
+    standoff: float = 15.0e-3  # [m] from a touched surface, where the next approach begins
+    back_off: float = 25.0e-3  # [m] farther off, where a move that began inside is repeated
+    max_back_offs: int = 2
+    fingertip_radius: float = 8.0e-3  # [m] a level finger's axis stays this far above the platform
+    min_height: float = 1.0e-3  # [m] above the platform, where a search from above ends
+    search_spacing: float = 12.0e-3  # [m] between the places of a search
 
 
 @dataclass(frozen=True, slots=True)
-class TouchSetting:
+class TouchSetup:
     """What a procedure knows before it touches anything."""
 
-    pad: Pad  # Of every finger
-    noise: float  # Standard deviation of one taxel, m
-    platform: float  # Height on which the object stands, m
-    reach: float  # The fingers reach so far sideways from the axis and up from the platform, m
-    fingers: int = 1  # How many there are
-    point_error: float = POINT_ERROR  # Standard deviation of a finger's place along each axis, m
-    angle_error: float = ANGLE_ERROR  # The same of how it is turned, rad
+    pad: Pad  # of every finger
+    noise: float  # [m] standard deviation of one taxel
+    platform: float  # [m] height on which the object stands
+    reach: float  # [m] of the fingers, sideways from the axis and up from the platform
+    fingers: int = 1  # number of fingers
+    point_error: float = 0.1e-3  # [m] standard deviation of a finger's position along each axis
+    angle_error: float = math.radians(0.1)  # [rad] standard deviation of a finger's orientation
+    common: CommonSettings = CommonSettings()
 
     @property
     def sigma(self) -> float:
-        """Standard deviation of one touched point across the surface, m."""
+        """Standard deviation of one touched point along the surface's normal [m]."""
         return math.hypot(self.noise, self.point_error)
 
     @property
     def width(self) -> float:
-        """Of the pad, m."""
+        """Width of the pad [m]."""
         return self.pad.pitch * max(self.pad.rows, self.pad.cols)
 
 
 class FingerMove(NamedTuple):
     """A guarded move of one finger along its pad's z axis."""
 
-    pose: Pose  # Where it starts
-    reach: float  # Longest way to first contact, m
-    depth: float = TOUCH_DEPTH  # Compression at which it ends, m
+    pose: Pose  # at the start
+    reach: float  # [m] longest path to the first contact
+    depth: float = TOUCH_DEPTH  # [m] compression at which the move ends
 
 
 class HandMove(NamedTuple):
     """A closing of the hand."""
 
     hand: Hand
-    pose: Pose  # Of the hand
+    pose: Pose  # of the hand
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Contact:
-    """What a guarded move met: the filter's and the curvature estimator's verdict, world frame."""
+    """Result of a guarded move, from the filter and the curvature estimator, in the world frame."""
 
     outcome: TouchOutcome
-    pose: Pose  # Of the pad at the end
-    points: Floats  # Surface under the touched taxels, (n, 3), m
+    pose: Pose  # of the pad at the end
+    points: Floats  # surface under the touched taxels, (n, 3) [m]
     kind: PatchKind
-    normal: Floats  # Outward unit normal at the middle of the contact, (3,)
-    normal_error: float  # Its standard deviation, rad
-    curvatures: tuple[float, float]  # Principal curvatures k1 >= k2, 1/m; 0 unless it is smooth
-    curvature_errors: tuple[float, float]  # Their standard deviations, 1/m
-    direction: Floats  # Unit tangent of k1, (3,); 0 unless it is smooth
-    hollow: Floats  # Places on the pad's face that nothing touched, between others, (k, 3), m
-    robot_time: float  # At the end of the touch, s
+    normal: Floats  # outward unit normal at the middle of the contact, (3,)
+    normal_error: float  # [rad] its standard deviation
+    curvatures: tuple[float, float]  # [1/m] principal, k1 >= k2; 0 unless `kind` is smooth
+    curvature_errors: tuple[float, float]  # [1/m] their standard deviations
+    direction: Floats  # unit tangent of k1, (3,); 0 unless `kind` is smooth
+    hollow: Floats  # untouched places on the pad's face between touched ones, (k, 3) [m]
+    robot_time: float  # [s] at the end of the touch
 
     @property
-    def met(self) -> bool:
-        """Whether it tells where the surface is."""
+    def is_hit(self) -> bool:
+        """Whether the surface was touched."""
         return self.outcome in HITS and len(self.points) > 0
 
     @property
     def middle(self) -> Floats:
-        """The touched point (3,) nearest to the middle of those that are touched, m."""
-        off = self.points - self.points.mean(axis=0)
-        return np.asarray(self.points[int(np.einsum("ni,ni->n", off, off).argmin())])
+        """The touched point (3,) nearest to the mean of all touched points [m]."""
+        offsets = self.points - self.points.mean(axis=0)
+        return np.asarray(self.points[int(np.einsum("ni,ni->n", offsets, offsets).argmin())])
 
 
 class HandContacts(NamedTuple):
-    """What a closing hand met."""
+    """Contacts of a closing hand."""
 
-    points: Floats  # (n, 3), m
-    normals: Floats  # Outward unit normals, (n, 3)
-    fingers: Ints  # Which finger made each contact, from 0, (n,); the palm is the last
-    robot_time: float  # When it had opened again, s
+    points: Floats  # (n, 3) [m]
+    normals: Floats  # outward unit normals, (n, 3)
+    fingers: Ints  # finger of each contact, counted from 0, (n,); the palm is the last
+    robot_time: float  # [s] when the hand has opened again
 
 
-Move = tuple[FingerMove, ...] | HandMove  # Fingers move at once, the first is finger 1
-Met = tuple[Contact, ...] | HandContacts
+Move = tuple[FingerMove, ...] | HandMove  # fingers move at once; the first is finger 1
+MoveResult = tuple[Contact, ...] | HandContacts
 Status = Literal["done", "unsuited", "incomplete"]
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Findings:
-    """What a procedure came to. What it could not serve has no shape and no mesh."""
+    """Result of a procedure; unless it is done, it has no shape and no mesh."""
 
     status: Status
-    reason: str  # Why it is over, in a sentence
-    shape: Any = None  # The recovered value, of the procedure's own type
-    mesh: Mesh | None = None  # Its closed surface, world frame, m
-    figures: Mapping[str, float] = field(default_factory=dict)  # With the unit in the name
+    reason: str  # why the procedure ended, in a sentence
+    shape: Any = None  # the recovered model, of the procedure's own type
+    mesh: Mesh | None = None  # its closed surface in the world frame [m]
+    figures: Mapping[str, float] = field(default_factory=dict)  # with the unit in the name
 
 
-Exploration = Generator[Move, Met, Findings]
-# ``procedure(setting, **settings)`` begins an exploration.
+Exploration = Generator[Move, MoveResult, Findings]
+# ``procedure(setup, **settings)`` begins an exploration.
 Procedure = Callable[..., Exploration]
-Touching = Generator[Move, Met, Contact]
+Touching = Generator[Move, MoveResult, Contact]
 
 
-def touch(setting: TouchSetting, move: FingerMove) -> Touching:
-    """One guarded move of finger 1, begun anew from farther off if it began inside the object."""
-    for _ in range(MOST_BACK + 1):
-        (met,) = yield from touch_pair((move,))
-        if met.outcome != "inside":
+def touch(setup: TouchSetup, move: FingerMove) -> Touching:
+    """One guarded move of finger 1, repeated from farther off if it began inside the object."""
+    back_off = setup.common.back_off
+    for _ in range(setup.common.max_back_offs + 1):
+        (contact,) = yield from touch_pair((move,))
+        if contact.outcome != "inside":
             break
-        back = move.pose.advanced(-BACK_OFF)
-        farther = kept_clear(setting, FingerMove(back, move.reach + BACK_OFF, move.depth))
+        pose = move.pose.advanced(-back_off)
+        farther = clear_of_platform(setup, FingerMove(pose, move.reach + back_off, move.depth))
         if farther is None:
             break
         move = farther
-    return met
+    return contact
 
 
-def touch_pair(moves: tuple[FingerMove, ...]) -> Generator[Move, Met, tuple[Contact, ...]]:
-    """Guarded moves of as many fingers at once."""
-    met = yield moves
-    assert len(met) == len(moves) and all(isinstance(one, Contact) for one in met)
-    return tuple(one for one in met if isinstance(one, Contact))
+def touch_pair(moves: tuple[FingerMove, ...]) -> Generator[Move, MoveResult, tuple[Contact, ...]]:
+    """Simultaneous guarded moves, one for each finger."""
+    result = yield moves
+    assert len(result) == len(moves) and all(isinstance(item, Contact) for item in result)
+    return tuple(item for item in result if isinstance(item, Contact))
 
 
-def close(move: HandMove) -> Generator[Move, Met, HandContacts]:
+def close(move: HandMove) -> Generator[Move, MoveResult, HandContacts]:
     """One closing of the hand."""
-    met = yield move
-    assert isinstance(met, HandContacts)
-    return met
+    result = yield move
+    assert isinstance(result, HandContacts)
+    return result
 
 
-def approach(place: Floats, outward: Floats, standoff: float, beyond: float) -> FingerMove:
+def approach(place: Floats, outward: Floats, standoff: float, overshoot: float) -> FingerMove:
     """The move towards a place (3,) of the surface, against its outward unit normal (3,).
 
-    It starts `standoff` before the place and may go on `beyond` it, m.
+    It starts `standoff` [m] before the place and ends at most `overshoot` [m] behind it.
     """
     start = place + standoff * outward
-    return FingerMove(Pose(start, axes_along(-outward)), standoff + beyond)
+    return FingerMove(Pose(start, axes_along(-outward)), standoff + overshoot)
 
 
-def kept_clear(setting: TouchSetting, move: FingerMove) -> FingerMove | None:
-    """The move, shortened so that the finger stays above the platform; None if it cannot."""
+def clear_of_platform(setup: TouchSetup, move: FingerMove) -> FingerMove | None:
+    """The move, shortened to stay above the platform; None if it begins below."""
     axis = move.pose.axes[:, 2]
-    room = (
-        move.pose.position[2]
-        - setting.platform
-        - CLEARANCE * math.sqrt(max(1.0 - axis[2] ** 2, 0.0))
-    )
-    if room < -1e-9 * setting.reach:
+    radius = setup.common.fingertip_radius * math.sqrt(max(1.0 - axis[2] ** 2, 0.0))
+    room = move.pose.position[2] - setup.platform - radius
+    if room < -1e-9 * setup.reach:
         return None
     if axis[2] >= -1e-9:
         return move
@@ -183,81 +189,92 @@ def kept_clear(setting: TouchSetting, move: FingerMove) -> FingerMove | None:
     return move._replace(reach=reach) if reach > 0.0 else None
 
 
-UP: Floats = np.array([0.0, 0.0, 1.0])
-UP.setflags(write=False)
-
-
-def touch_from_above(setting: TouchSetting) -> Generator[Move, Met, Contact | None]:
-    """Look for the object from above, on rings about the axis; None if nothing is within reach."""
-    top = setting.platform + setting.reach
-    for x, y in search_places(setting.reach, SEARCH_SPACING):
-        move = approach(np.array([x, y, top]), UP, 0.0, setting.reach - ABOVE)
-        contact = yield from touch(setting, move)
-        if contact.met:
+def touch_from_above(setup: TouchSetup) -> Generator[Move, MoveResult, Contact | None]:
+    """Search for the object from above, on rings about the axis; None if nothing is in reach."""
+    top = setup.platform + setup.reach
+    depth = setup.reach - setup.common.min_height
+    for x, y in search_places(setup.reach, setup.common.search_spacing):
+        contact = yield from touch(setup, approach(np.array([x, y, top]), UP, 0.0, depth))
+        if contact.is_hit:
             return contact
     return None
 
 
-def square_on(setting: TouchSetting, contact: Contact, turns: int = 3) -> Touching:
-    """The contact, touched again along its own normal until the pad stands square to it."""
-    for _ in range(turns):
+def touch_squarely(
+    setup: TouchSetup,
+    contact: Contact,
+    max_repeats: int = 3,
+    max_tilt: float = math.radians(3.0),
+    overshoot: float = 5.0e-3,
+) -> Touching:
+    """Repeat a touch along the surface's normal until the pad is square to it.
+
+    Square is within `max_tilt` [rad]; `overshoot` [m] is how far a repeat may pass the place.
+    """
+    for _ in range(max_repeats):
         outward = -contact.pose.axes[:, 2]
         normal = contact.normal if contact.kind == "smooth" else _plane_normal(contact, outward)
-        if contact.kind == "smooth" and normal @ outward > math.cos(math.radians(3.0)):
+        if contact.kind == "smooth" and normal @ outward > math.cos(max_tilt):
             break
-        move = kept_clear(setting, approach(contact.middle, normal, STANDOFF, 5.0e-3))
+        target = approach(contact.middle, normal, setup.common.standoff, overshoot)
+        move = clear_of_platform(setup, target)
         if move is None:
             break
-        again = yield from touch(setting, move)
-        if not again.met:
+        repeated = yield from touch(setup, move)
+        if not repeated.is_hit:
             break
-        contact = again
+        contact = repeated
     return contact
 
 
-def _plane_normal(contact: Contact, outward: Floats) -> Floats:
-    """Normal (3,) of the plane through what was touched; `outward` where that is but a line."""
+def _plane_normal(
+    contact: Contact, outward: Floats, min_points: int = 6, min_spread: float = 1e-2
+) -> Floats:
+    """Normal (3,) of the plane through the touched points; `outward` if they lie on a line.
+
+    `min_spread`: least ratio of the points' second to their first principal variance.
+    """
     centred = contact.points - contact.points.mean(axis=0)
-    if len(centred) < 6:
+    if len(centred) < min_points:
         return outward
     spread, axes = np.linalg.eigh(centred.T @ centred)
-    if spread[1] < 1e-2 * spread[2]:
+    if spread[1] < min_spread * spread[2]:
         return outward
     normal = axes[:, 0]
     return np.asarray(normal if normal @ outward > 0.0 else -normal)
 
 
 class Session:
-    """A procedure under way, which gives the next move after any results it is told of.
+    """A running procedure, which gives the next move after any sequence of results.
 
-    Results that go on where the last ones ended are sent to the generator that waits for them; for
-    any others it begins anew. So the next move is a function of the results alone.
+    Results that extend the last ones by one are sent to the running generator; for any other
+    results it restarts. So the next move is a function of the results alone.
     """
 
     def __init__(self, begin: Callable[[], Exploration]) -> None:
         self._begin = begin
         self._running: Exploration | None = None
-        self._sent: tuple[Met, ...] = ()
+        self._sent: tuple[MoveResult, ...] = ()
 
-    def after(self, results: tuple[Met, ...]) -> Move | Findings:
+    def after(self, results: tuple[MoveResult, ...]) -> Move | Findings:
         """The next move after these results, or the findings."""
         pairs = zip(results, self._sent, strict=False)
-        going_on = self._running is not None and len(results) == len(self._sent) + 1
-        if not going_on or not all(one is other for one, other in pairs):
+        extends = self._running is not None and len(results) == len(self._sent) + 1
+        if extends and all(result is sent for result, sent in pairs):
+            step = self._step(results[-1])
+        else:
             self._running, self._sent = self._begin(), ()
             step = self._step(None)
-            for number in range(len(results)):
-                step = self._step(results[number])
-        else:
-            step = self._step(results[-1])
+            for result in results:
+                step = self._step(result)
         self._sent = results
         return step
 
-    def _step(self, met: Met | None) -> Move | Findings:
+    def _step(self, result: MoveResult | None) -> Move | Findings:
         assert self._running is not None
         try:
-            return next(self._running) if met is None else self._running.send(met)
+            return next(self._running) if result is None else self._running.send(result)
         except StopIteration as end:
             self._running = None
-            found: Findings = end.value
-            return found
+            findings: Findings = end.value
+            return findings

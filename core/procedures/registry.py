@@ -1,4 +1,4 @@
-"""Procedures by their names, and their settings."""
+"""Procedures by name, and their settings."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from functools import partial
 from typing import Any
 
 from palpate.core.plugins import class_by_name
-from palpate.core.procedures.protocol import Procedure, Session, TouchSetting
+from palpate.core.procedures.protocol import Procedure, Session, TouchSetup
 
-# How many fingers each needs at once.
+# Procedure to the number of fingers that it moves at once.
 PROCEDURE_NAMES: Mapping[str, int] = {
     "containment": 1,
     "planar": 1,
@@ -21,27 +21,26 @@ PROCEDURE_NAMES: Mapping[str, int] = {
 
 
 def procedure_of(name: str, settings: Mapping[str, Any]) -> Procedure:
-    """A procedure by its name, or a user's by ``module:function``; it is not begun.
+    """A procedure by its name, or a user's by ``module:function``, with its settings bound.
 
-    Raises LookupError if there is none of this name. Raises ValueError if its module cannot be
-    imported, it is no function, or it has no such setting.
+    `settings` are numbers by parameter name; a parameter called ``settings`` is not among them.
+    Raises LookupError if there is no such name. Raises ValueError if the module cannot be
+    imported, the object is not callable, or the procedure has no such setup.
     """
-    where = f"palpate.core.procedures.{name}:{name}" if name in PROCEDURE_NAMES else name
-    found = class_by_name(
-        where, what="procedure", names=(), package="palpate.core.procedures"
-    ) if ":" in where else None  # fmt: skip
-    if found is None and ":" not in where:
+    path = f"palpate.core.procedures.{name}:{name}" if name in PROCEDURE_NAMES else name
+    if ":" not in path:
         raise LookupError(f"there is no procedure {name!r}; there are {', '.join(PROCEDURE_NAMES)}")
-    if not callable(found):
-        raise ValueError(f"the procedure {name!r} is no function: {found!r:.60}")
-    known = list(inspect.signature(found).parameters)[1:]
+    procedure = class_by_name(path, what="procedure", names=(), package="palpate.core.procedures")
+    if not callable(procedure):
+        raise ValueError(f"the procedure {name!r} is no function: {procedure!r:.60}")
+    known = [key for key in list(inspect.signature(procedure).parameters)[1:] if key != "settings"]
     for key in settings:
         if key not in known:
-            told = f"it has {', '.join(known)}" if known else "it has none"
-            raise ValueError(f"the procedure {name!r} has no setting {key!r}; {told}")
-    return partial(found, **settings)
+            hint = f"it has {', '.join(known)}" if known else "it has none"
+            raise ValueError(f"the procedure {name!r} has no setting {key!r}; {hint}")
+    return partial(procedure, **settings)
 
 
-def begin_procedure(name: str, settings: Mapping[str, Any], setting: TouchSetting) -> Session:
-    """A procedure that is ready to be asked for its first move; errors as of `procedure_of`."""
-    return Session(partial(procedure_of(name, settings), setting))
+def begin_procedure(name: str, settings: Mapping[str, Any], setup: TouchSetup) -> Session:
+    """A session of a procedure, before its first move; raises what `procedure_of` raises."""
+    return Session(partial(procedure_of(name, settings), setup))

@@ -1,24 +1,25 @@
 """Recognition of objects by their shape.
 
-What a closed surface is like in any pose (`description`), how that scatters when the same object is
-measured and meshed again (`scatter`), and which of the stored objects it is, if any (`matching`).
+`description` measures a closed surface independently of its pose, `scatter` how these measures vary
+when the same object is measured and meshed again, and `matching` decides which of the stored
+objects a surface is, if any.
 
-The constants of `description` decide what counts as a face or a pocket: after a change all stored
-scatter has to be learned again. It rests on geometry and on the recovery of superquadrics; it knows
-no file, scene or run.
+After a change of `DescriptionSettings` or `ScatterSettings` all stored scatter has to be learned
+again. The package uses geometry and the recovery of superquadrics, and no files, scenes or runs.
 """
 
 from palpate.core.recognition.description import (
     FEATURES as FEATURES,
     Description as Description,
+    DescriptionSettings as DescriptionSettings,
     ShapeFeature as ShapeFeature,
     describe as describe,
     feature_vector as feature_vector,
 )
 from palpate.core.recognition.matching import (
     NONE as NONE,
-    UNCERTAINTY as UNCERTAINTY,
     Difference as Difference,
+    MatchingSettings as MatchingSettings,
     ObjectModels as ObjectModels,
     Recognition as Recognition,
     differences as differences,
@@ -26,8 +27,8 @@ from palpate.core.recognition.matching import (
     recognise as recognise,
 )
 from palpate.core.recognition.scatter import (
-    LEARNED_NOISE as LEARNED_NOISE,
     Scatter as Scatter,
+    ScatterSettings as ScatterSettings,
     learn_scatter as learn_scatter,
     noisy_copy as noisy_copy,
 )

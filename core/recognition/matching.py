@@ -1,146 +1,175 @@
-"""Which of the stored objects a description is of, with its probability, or none of them.
+"""Which of the stored objects a description belongs to, with its probability, or none of them.
 
-Each object is a normal distribution of features: their mean over copies of it, and as covariance
-the scatter of the copies plus what the measured surface itself is uncertain by. The probability of
-each follows from Bayes' rule, all being as likely before. A description that is farther from the
-most likely object than all but one in a hundred copies would be, is of none of them: a test of
-chi-square, its scale and degrees of freedom matched to distances of copies that were held out,
-since features are not quite normal. `NONE` counts as an object just as far as this lets pass.
+Each object is a normal distribution of features: the mean is that of its copies, the covariance the
+scatter of the copies plus the uncertainty of the measured surface. The probabilities follow from
+Bayes' rule with equal priors. A description that is farther from the most likely object than 99 of
+100 copies belongs to none of them. This is a chi-square test, whose scale and degrees of freedom
+are fitted to the distances of held-out copies, since features are not quite normal. `NONE` has the
+likelihood of an object at the limit of this test.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 
 from palpate.core.arrays import Floats, not_negative
 from palpate.core.recognition.description import FEATURES
-from palpate.core.recognition.scatter import LEARNED_NOISE, Scatter
+from palpate.core.recognition.scatter import DEFAULT_SCATTER, Scatter
 
 NONE = "none of them"
-LEVEL = 0.01  # Probability that a stored object is taken for none of them
-# Uncertainty of a surface of which nothing is known, m: a tenth of a millimetre is soon lost.
-UNCERTAINTY = 1e-4
-LEAST_COPIES = 4
-FOLDS = 4  # In which copies are held out, to see how far they lie from the others
-# Deviations that each feature has at least, by its kind.
-LEAST_DEVIATIONS = {
-    "log volume": 0.003, "log area": 0.003, "log length": 0.002,
-    "share": 0.003, "angle": 0.02, "count": 0.2,
-}  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MatchingSettings:
+    """How the distributions of features are estimated, and when an object is none of them."""
+
+    # [m] of a surface whose uncertainty is not known; no surface is taken for more certain.
+    uncertainty: float = 1e-4
+    learned_noise: float = DEFAULT_SCATTER.noise  # [m] of the copies
+    false_rejection: float = 0.01  # probability that a stored object is taken for none of them
+    n_folds: int = 4  # in which copies are held out; as many copies are needed
+    min_relative_deviation: float = 0.3  # of the median deviation over all objects
+    correlation_shrinkage: float = 0.1  # fraction by which correlations are reduced
+    # Least standard deviation of a feature, by its kind.
+    min_deviations: Mapping[str, float] = field(
+        default_factory=lambda: {
+            "log volume": 0.003,
+            "log area": 0.003,
+            "log length": 0.002,
+            "share": 0.003,
+            "angle": 0.02,
+            "count": 0.2,
+        }
+    )
+
+
+DEFAULT_MATCHING = MatchingSettings()
 
 
 class ObjectModels(NamedTuple):
-    """How the stored objects' features are distributed."""
+    """Distributions of the stored objects' features."""
 
     names: tuple[str, ...]
     means: Floats  # (n, k)
-    deviations: Floats  # Standard deviations over copies, (n, k)
-    correlation: Floats  # Of the features within objects, (k, k)
-    slopes: Floats  # Changes of the features by how far a surface stands off, (n, k), 1/m
-    scale: float  # Of a squared distance, in units of chi-square
-    freedom: float  # Degrees of freedom of that
+    deviations: Floats  # standard deviations over copies, (n, k)
+    correlation: Floats  # of the features within objects, (k, k)
+    slopes: Floats  # derivatives of the features by an offset of the surface, (n, k) [1/m]
+    scale: float  # of a squared distance, in units of chi-square
+    freedom: float  # degrees of freedom of that chi-square
 
 
-def object_models(scatters: Mapping[str, Scatter]) -> ObjectModels:
+def object_models(
+    scatters: Mapping[str, Scatter], settings: MatchingSettings = DEFAULT_MATCHING
+) -> ObjectModels:
     """Distributions of features from the copies of each object, by its name.
 
     Raises ValueError if there is no object, or one has fewer than 4 copies.
     """
-    if not scatters or min(len(one.vectors) for one in scatters.values()) < LEAST_COPIES:
-        raise ValueError(f"there must be an object, and {LEAST_COPIES} copies of each")
-    vectors = [one.vectors for one in scatters.values()]
-    squares = np.concatenate([_held_out(vectors, fold) for fold in range(FOLDS)])
-    scale, freedom = _matched(squares)
-    slopes = np.array([one.slopes for one in scatters.values()])
-    means, deviations, correlation = _distribution(vectors)
+    n_folds = settings.n_folds
+    if not scatters or min(len(scatter.vectors) for scatter in scatters.values()) < n_folds:
+        raise ValueError(f"there must be an object, and {n_folds} copies of each")
+    vectors = [scatter.vectors for scatter in scatters.values()]
+    squares = np.concatenate([_held_out(vectors, fold, settings) for fold in range(n_folds)])
+    scale, freedom = _fitted_chi_square(squares, settings.false_rejection)
+    slopes = np.array([scatter.slopes for scatter in scatters.values()])
+    means, deviations, correlation = _distribution(vectors, settings)
     return ObjectModels(tuple(scatters), means, deviations, correlation, slopes, scale, freedom)
 
 
-def _matched(squares: Floats) -> tuple[float, float]:
-    """Scale and degrees of freedom of a chi-square of the median and tail that squares have.
+def _fitted_chi_square(squares: Floats, level: float) -> tuple[float, float]:
+    """Scale and degrees of freedom of a chi-square with the median of squares and their quantile.
 
-    Not of their mean and variance: one copy in some hundred is described altogether otherwise.
+    `level`: probability beyond that quantile. Mean and variance are not used: about one copy in a
+    hundred has an entirely different description.
     """
     from scipy.optimize import brentq
     from scipy.special import chdtri
 
-    middle, tail = np.quantile(squares, [0.5, 1.0 - LEVEL]).tolist()
+    median, tail = np.quantile(squares, [0.5, 1.0 - level]).tolist()
 
     def steeper(freedom: float) -> float:
-        return float(chdtri(freedom, LEVEL) / chdtri(freedom, 0.5) - tail / middle)
+        return float(chdtri(freedom, level) / chdtri(freedom, 0.5) - tail / median)
 
     low, high = 0.5, 200.0
     if steeper(low) <= 0.0 or steeper(high) >= 0.0:
         freedom = low if steeper(low) <= 0.0 else high
     else:
         freedom = float(brentq(steeper, low, high))
-    return float(tail / chdtri(freedom, LEVEL)), freedom
+    return float(tail / chdtri(freedom, level)), freedom
 
 
-def _held_out(vectors: list[Floats], fold: int) -> Floats:
-    """Squared distances of every fourth copy from what the other copies tell."""
-    kept = [np.delete(one, np.s_[fold::FOLDS], axis=0) for one in vectors]
-    means, deviations, correlation = _distribution(kept)
+def _held_out(vectors: list[Floats], fold: int, settings: MatchingSettings) -> Floats:
+    """Squared distances of the copies in a fold from the distribution of all others."""
+    copies = slice(fold, None, settings.n_folds)
+    means, deviations, correlation = _distribution(
+        [np.delete(features, copies, axis=0) for features in vectors], settings
+    )
     parts = zip(vectors, means, deviations, strict=True)
-    stacked = np.concatenate([(one[fold::FOLDS] - mean) / off for one, mean, off in parts])
+    stacked = np.concatenate([(own[copies] - mean) / deviation for own, mean, deviation in parts])
     return np.asarray(np.einsum("nk,kn->n", stacked, np.linalg.solve(correlation, stacked.T)))
 
 
-def _distribution(vectors: list[Floats]) -> tuple[Floats, Floats, Floats]:
+def _distribution(
+    vectors: list[Floats], settings: MatchingSettings
+) -> tuple[Floats, Floats, Floats]:
     """Means and deviations (n, k), and correlation (k, k), of objects' copies, each (c, k)."""
-    means = np.array([one.mean(axis=0) for one in vectors])
-    spread = np.array([one.std(axis=0, ddof=1) for one in vectors])
-    least = np.array([LEAST_DEVIATIONS[one.kind] for one in FEATURES])
-    least = np.maximum(least, 0.3 * np.median(spread, axis=0))  # A share of what all have
+    means = np.array([features.mean(axis=0) for features in vectors])
+    spread = np.array([features.std(axis=0, ddof=1) for features in vectors])
+    least = np.array([settings.min_deviations[feature.kind] for feature in FEATURES])
+    least = np.maximum(least, settings.min_relative_deviation * np.median(spread, axis=0))
     deviations = np.sqrt(spread**2 + least**2)
     parts = zip(vectors, means, deviations, strict=True)
-    away = np.concatenate([(one - mean) / deviation for one, mean, deviation in parts])
-    # Shrunk by a tenth towards none
-    correlation = (1.0 - 0.1) * away.T @ away / (len(away) - len(vectors))
+    scaled = np.concatenate([(own - mean) / deviation for own, mean, deviation in parts])
+    kept = 1.0 - settings.correlation_shrinkage
+    correlation = kept * scaled.T @ scaled / (len(scaled) - len(vectors))
     correlation[np.diag_indices(len(FEATURES))] = 1.0
     return means, deviations, correlation
 
 
 class Recognition(NamedTuple):
-    """Which object a description is of."""
+    """The object to which a description belongs."""
 
-    name: str  # The most likely of the objects, or `NONE`
-    probabilities: dict[str, float]  # Of each object and of `NONE`, the largest first; in sum 1
-    nearest: str  # The most likely of the objects, whatever the test says
-    distance: float  # Square of the distance from it, in units of chi-square
-    limit: float  # The largest that the test lets pass
-    runner_up: str | None  # The next likely of the objects; None if there is just one
+    name: str  # the most likely object, or `NONE`
+    probabilities: dict[str, float]  # of each object and of `NONE`, the largest first; in sum 1
+    nearest: str  # the most likely object, also if the test rejects it
+    distance: float  # squared distance from it, in units of chi-square
+    limit: float  # largest squared distance that the test accepts
+    runner_up: str | None  # the second most likely object; None if there is just one
 
 
 def recognise(
-    features: Floats, models: ObjectModels, uncertainty: float = UNCERTAINTY
+    features: Floats,
+    models: ObjectModels,
+    uncertainty: float = DEFAULT_MATCHING.uncertainty,
+    settings: MatchingSettings = DEFAULT_MATCHING,
 ) -> Recognition:
-    """The stored object that features (k,) are of, or none of them.
+    """The stored object to which features (k,) belong, or none of them.
 
-    `uncertainty`: standard deviation of the surface along its normals, m: it widens the scatter as
-    noise would, and lets the whole surface stand off by as much. Raises ValueError if it is
+    `uncertainty`: standard deviation of the surface along its normals [m]. It widens the scatter,
+    as noise does, and allows for an offset of the whole surface. Raises ValueError if it is
     negative or infinite.
     """
     from scipy.special import chdtri
 
     not_negative("uncertainty", uncertainty, "m")
-    each = range(len(models.names))
-    squares, logs = np.array([_distance(features, models, i, uncertainty) for i in each]).T
+    numbers = range(len(models.names))
+    distances = [_distance(features, models, i, uncertainty, settings) for i in numbers]
+    squares, logs = np.array(distances).T
     weights = -0.5 * (squares + logs)
     order = np.argsort(-weights, kind="stable")
     best = int(order[0])
-    limit = float(chdtri(models.freedom, LEVEL))
+    limit = float(chdtri(models.freedom, settings.false_rejection))
     weights = np.append(weights, -0.5 * (limit + logs[best]))
-    likely = np.exp(weights - weights.max())
-    likely /= likely.sum()
-    names = (*models.names, NONE)
-    found = sorted(zip(names, likely.tolist(), strict=True), key=lambda one: -one[1])
+    likelihoods = np.exp(weights - weights.max())
+    likelihoods /= likelihoods.sum()
+    pairs = zip((*models.names, NONE), likelihoods.tolist(), strict=True)
     return Recognition(
         name=models.names[best] if squares[best] <= limit else NONE,
-        probabilities=dict(found),
+        probabilities=dict(sorted(pairs, key=lambda pair: -pair[1])),
         nearest=models.names[best],
         distance=float(squares[best]),
         limit=limit,
@@ -149,44 +178,55 @@ def recognise(
 
 
 def _distance(
-    features: Floats, models: ObjectModels, which: int, uncertainty: float
+    features: Floats,
+    models: ObjectModels,
+    number: int,
+    uncertainty: float,
+    settings: MatchingSettings,
 ) -> tuple[float, float]:
     """Squared distance from an object in units of chi-square, and log determinant."""
-    deviation = _deviation(models, which, uncertainty)
-    away = (features - models.means[which]) / deviation
-    off = uncertainty * models.slopes[which] / deviation
-    covariance = models.correlation + np.outer(off, off)
-    square = float(away @ np.linalg.solve(covariance, away)) / models.scale
+    deviation = _deviation(models, number, uncertainty, settings)
+    scaled = (features - models.means[number]) / deviation
+    offset = uncertainty * models.slopes[number] / deviation
+    covariance = models.correlation + np.outer(offset, offset)
+    square = float(scaled @ np.linalg.solve(covariance, scaled)) / models.scale
     log = float(np.linalg.slogdet(covariance)[1]) + 2.0 * float(np.log(deviation).sum())
     return square, log
 
 
-def _deviation(models: ObjectModels, which: int, uncertainty: float) -> Floats:
-    """Standard deviations (k,) of an object's features in a surface that is uncertain."""
-    widened = np.sqrt(1.0 + (uncertainty / LEARNED_NOISE) ** 2)
-    return np.asarray(models.deviations[which] * widened)
+def _deviation(
+    models: ObjectModels, number: int, uncertainty: float, settings: MatchingSettings
+) -> Floats:
+    """Standard deviations (k,) of an object's features, measured on an uncertain surface."""
+    widening = np.sqrt(1.0 + (uncertainty / settings.learned_noise) ** 2)
+    return np.asarray(models.deviations[number] * widening)
 
 
 class Difference(NamedTuple):
-    """One feature, here and in an object."""
+    """One feature, measured and in an object."""
 
     name: str
-    kind: str  # See `ShapeFeature`
+    kind: str  # see `ShapeFeature`
     measured: float
     stored: float
-    deviations: float  # By how many standard deviations they differ
+    deviations: float  # difference in standard deviations
 
 
 def differences(
-    features: Floats, models: ObjectModels, name: str, uncertainty: float = UNCERTAINTY
+    features: Floats,
+    models: ObjectModels,
+    name: str,
+    uncertainty: float = DEFAULT_MATCHING.uncertainty,
+    settings: MatchingSettings = DEFAULT_MATCHING,
 ) -> list[Difference]:
-    """How features (k,) differ from those of an object, the largest difference first."""
-    which = models.names.index(name)
-    off = uncertainty * models.slopes[which]
-    total = np.hypot(_deviation(models, which, uncertainty), off)
-    away = (features - models.means[which]) / total
-    rows = zip(
-        FEATURES, features.tolist(), models.means[which].tolist(), away.tolist(), strict=True
-    )
-    found = [Difference(one.name, one.kind, *numbers) for one, *numbers in rows]
-    return [found[i] for i in np.argsort(-np.abs(away), kind="stable")]
+    """Differences of features (k,) from those of an object, the largest first."""
+    number = models.names.index(name)
+    offset, stored = uncertainty * models.slopes[number], models.means[number]
+    total = np.hypot(_deviation(models, number, uncertainty, settings), offset)
+    scaled = (features - stored) / total
+    values = zip(features.tolist(), stored.tolist(), scaled.tolist(), strict=True)
+    pairs = [
+        Difference(feature.name, feature.kind, *numbers)
+        for feature, numbers in zip(FEATURES, values, strict=True)
+    ]
+    return [pairs[i] for i in np.argsort(-np.abs(scaled), kind="stable")]

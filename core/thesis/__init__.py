@@ -1,8 +1,9 @@
 """Fung's own way from contours to a solid (1999, chapter 4 and appendix).
 
-Kept to compare others with; nothing here is to be tuned: a superquadric in a control lattice, its
-shell the control polygons of contours, its core what fits inside, as corrected or printed. It rests
-on core splines, shapes, geometry and rebuild, which finds it by an entry point as "thesis".
+A method to compare others with; its numbers are those of the thesis and its program. It is a
+superquadric in a control lattice: the shell is made of the contours' control polygons, the core of
+what fits inside, as corrected or as printed. It uses core splines, shapes, geometry and rebuild,
+which loads it by an entry point as "thesis".
 """
 
 from palpate.core.thesis.control_system import (

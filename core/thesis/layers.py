@@ -1,14 +1,15 @@
 """One layer of the deformed lattice, of shell and core; closed curves and point inversion for it.
 
-Fung, 1999, 4.4.3, corrected and as printed, where (buildgrid.m and isint.m) the search for the
-core's ellipse takes the edges of a polygon for infinite lines, looks at the first few, loses a sign
-on the way, and moves on to places that it has not tested. The curves of 4.4.2 have clamped knots
-and pseudo-vertices: equations that contradict each other, so that they never close. Inversion,
-4.2.2, is Newton's method on the derivative of the distance.
+Fung, 1999, 4.4.3, corrected and as printed. As printed (buildgrid.m and isint.m) the search for the
+core's ellipse takes the edges of a polygon for infinite lines, uses the first few only, loses a
+sign, and moves on to places that it has not tested. The curves of 4.4.2 have clamped knots and
+pseudo-vertices: their equations contradict each other, so that they never close. Inversion, 4.2.2,
+is Newton's method on the derivative of the distance.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -18,56 +19,72 @@ from palpate.core import splines
 from palpate.core.arrays import Bools, Floats, Ints, finite_array
 from palpate.core.geometry import inscribed_circle, turn_between, winding_number
 
-MARGIN = 0.95  # The core's size over the largest that has room: that of the thesis's program
-NARROW = 0.25  # Scale of a core in the middle of the box below which a better middle is looked for
-FLAT = 1e-9  # Of its longer side: the shorter one of a box in which no core has room
-MOST_STEPS = 50
-TOLERANCE = 1e-6  # Of the scale, and its least value
-VERTICES = 16  # Around a layer of 5 by 5
-PSEUDO = 3  # Pseudo-vertices of a cubic
-ENOUGH = 0.02  # Distance of the pseudo-vertices that is let pass, as a share of the mean diameter
-MOST_PASSES = 300
-DAMPING = 0.5  # Of the parameters' steps; it stands in the thesis's program, not in (4.40)
-CUTOFF = 1e-10  # Of the pseudo-inverse
-TINY = 1e-300
-MOST_INVERSION_STEPS = 50
-COINCIDENCE = 1e-6  # Of the volume's size, where (4.14), (4.16) have metres
-ZERO_COSINE = 1e-6  # (4.15)
+N_PSEUDO_VERTICES = splines.CUBIC  # of a closed curve
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LayerSettings:
+    """How a layer's core is placed in its shell."""
+
+    core_margin: float = 0.95  # fraction of the largest core that fits; from the thesis's program
+    min_core_scale: float = 0.25  # fraction of the box; below it a better middle is looked for
+    min_aspect: float = 1e-9  # shorter side of the box over the longer one; below: no core
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ClosedCurveSettings:
+    """When the iteration of (4.27) to (4.40) ends, and how it is damped."""
+
+    max_gap: float = 0.02  # fraction of the mean width, between vertices and pseudo-vertices
+    max_steps: int = 300
+    damping: float = 0.5  # of the parameters' steps; in the thesis's program, not in (4.40)
+    svd_cutoff: float = 1e-10  # of the pseudo-inverse
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class InversionSettings:
+    """When the inversion of points, (4.8) to (4.16), ends."""
+
+    max_steps: int = 50
+    max_distance: float = 1e-6  # fraction of the volume's size, where (4.14), (4.16) have metres
+    max_cosine: float = 1e-6  # (4.15)
 
 
 class ThesisLayer(NamedTuple):
     """Control points of one layer."""
 
     control: Floats  # (l, m, 2), along s and t
-    core_scale: float  # Sides of the core over those of the box around the shell; 0: no room
-    moved: bool  # The core is not in the middle of that box, where it had little room
-    gap: float  # Between the ends of the curve that gave the shell, over its mean width
+    core_scale: float  # sides of the core over those of the box around the shell; 0: no room
+    moved: bool  # whether the core is off the middle of that box, which has little room
+    gap: float  # between the ends of the shell's curve, over its mean width
 
 
-def make_layer(points: Floats, sides: tuple[int, int]) -> ThesisLayer:
+def make_layer(
+    points: Floats, sides: tuple[int, int], settings: LayerSettings = LayerSettings()
+) -> ThesisLayer:
     """A layer whose rim is the control polygon of a contour.
 
-    `points` (k, 2): of the contour, counter-clockwise, begun where all layers begin. `sides`:
+    `points` (k, 2): of the contour, counter-clockwise, starting where all layers start. `sides`:
     control points along s and t, at least 4. The polygon is that of a periodic spline, which
-    closes. The core is the largest rectangle inside it that has the proportions of the box around
-    it; as printed it is the box around the largest such ellipse, whose corners stand out.
+    closes. The core is the largest rectangle inside it with the proportions of the box around it;
+    as printed it is the box around the largest such ellipse, whose corners stick out.
     """
     polygon = _polygon(points, 2 * (sides[0] + sides[1]) - 4)
     low, high = polygon.min(axis=0), polygon.max(axis=0)
     middle, half = 0.5 * (low + high), 0.5 * (high - low)
     scale, moved = 0.0, False
-    if (half > FLAT * half.max()).all():
+    if (half > settings.min_aspect * half.max()).all():
         scale = rectangle_scale(polygon, middle, half)
-        if scale < NARROW:
+        if scale < settings.min_core_scale:
             deepest = inscribed_circle(polygon).middle
-            elsewhere = rectangle_scale(polygon, deepest, half)
-            if elsewhere > scale:
-                middle, scale, moved = deepest, elsewhere, True
+            deepest_scale = rectangle_scale(polygon, deepest, half)
+            if deepest_scale > scale:
+                middle, scale, moved = deepest, deepest_scale, True
     control = np.empty((*sides, 2))
     cells = rim_cells(sides)
     phase = nearest_phase(polygon, 0.5 * (low + high), np.array([low[0], high[1]]))
     control[cells[:, 0], cells[:, 1]] = np.roll(polygon, -phase, axis=0)
-    reach = MARGIN * scale * half
+    reach = settings.core_margin * scale * half
     x, y = (np.linspace(-1.0, 1.0, side - 2) for side in sides)
     control[1:-1, 1:-1, 0] = middle[0] + reach[0] * x[:, None]
     control[1:-1, 1:-1, 1] = middle[1] + reach[1] * y
@@ -76,8 +93,7 @@ def make_layer(points: Floats, sides: tuple[int, int]) -> ThesisLayer:
 
 def _polygon(points: Floats, count: int) -> Floats:
     """Control polygon (count, 2) of the periodic cubic nearest to points by (4.27) to (4.30)."""
-    apart = (points != np.roll(points, 1, axis=0)).any(axis=1)
-    different = points[apart]
+    different = points[(points != np.roll(points, 1, axis=0)).any(axis=1)]
     if len(different) < 2:
         return np.repeat(points[:1], count, axis=0)
     places, least = splines.curve_parameters(different, "chord"), splines.LEAST_SMOOTHING
@@ -95,8 +111,8 @@ def rectangle_scale(polygon: Floats, middle: Floats, half_sides: Floats) -> floa
         return 0.0
     along = np.roll(starts, -1, axis=0) - starts
     (x, y), (dx, dy) = starts.T, along.T
-    wanted, pace = np.stack([-x, -y, y - x, -x - y]), np.stack([dx, dy, dx - dy, dx + dy])
-    shares = np.divide(wanted, pace, out=np.zeros_like(wanted), where=pace != 0.0)
+    needed, rate = np.stack([-x, -y, y - x, -x - y]), np.stack([dx, dy, dx - dy, dx + dy])
+    shares = np.divide(needed, rate, out=np.zeros_like(needed), where=rate != 0.0)
     places = starts + np.clip(shares, 0.0, 1.0)[:, :, None] * along
     return float(np.abs(np.concatenate([places, starts[None]])).max(axis=2).min())
 
@@ -115,21 +131,23 @@ def rim_cells(sides: tuple[int, int]) -> Ints:
     ).astype(np.int32)
 
 
-def make_program_layer(points: Floats, sides: tuple[int, int]) -> ThesisLayer:
-    """A layer from the points of a contour as they are given.
+def make_program_layer(
+    points: Floats, sides: tuple[int, int], settings: LayerSettings = LayerSettings()
+) -> ThesisLayer:
+    """A layer from the points of a contour, as the thesis's program builds it.
 
-    `points` (k, 2): around the contour, each once; their beginning and direction matter. `sides`:
+    `points` (k, 2): around the contour, each once; their start and direction matter. `sides`:
     control points along s and t, at least 4. The shell's polygon is that of a clamped spline whose
     constraints contradict each other; it is laid along the rim clockwise, so that a
-    counter-clockwise contour mirrors the lattice. The core is turned one way or the other by the
-    quadrant of the polygon's first vertex about the origin, and may stand out of the polygon.
+    counter-clockwise contour mirrors the lattice. The quadrant of the polygon's first vertex about
+    the origin decides how the core is turned. The core may stick out of the polygon.
     """
     along_s, along_t = sides
     polygon, gap = _program_polygon(points, 2 * (along_s + along_t) - 4)
     low, high = polygon.min(axis=0), polygon.max(axis=0)
     middle, half = 0.5 * (low + high), 0.5 * (high - low)
     scale = searched_scale(polygon, middle, half, along_t) if (half > 0.0).all() else 0.0
-    reach = MARGIN * scale * half
+    reach = settings.core_margin * scale * half
     x, y = (np.linspace(-r, r, side - 2) for r, side in zip(reach, sides[::-1], strict=True))
     grid = np.stack(np.meshgrid(middle[0] + x, middle[1] + y), axis=-1)
     first = nearest_phase(polygon, middle, np.array([low[0], high[1]]))
@@ -141,7 +159,7 @@ def make_program_layer(points: Floats, sides: tuple[int, int]) -> ThesisLayer:
 
 
 def _program_polygon(points: Floats, count: int) -> tuple[Floats, float]:
-    """Control polygon (count, 2) by 4.4.2, and how far open its curve is over its mean width."""
+    """Control polygon (count, 2) by 4.4.2, and the gap of its curve over its mean width."""
     width = float(np.ptp(points, axis=0).mean())
     if width == 0.0:
         return np.repeat(points[:1], count, axis=0), 0.0
@@ -150,24 +168,31 @@ def _program_polygon(points: Floats, count: int) -> tuple[Floats, float]:
     return fit.control, float(np.linalg.norm(last - first)) / width
 
 
-def searched_scale(polygon: Floats, middle: Floats, semi_axes: Floats, edges: int) -> float:
-    """Factor of an ellipse's semi-axes that the program finds.
+def searched_scale(
+    polygon: Floats,
+    middle: Floats,
+    semi_axes: Floats,
+    edges: int,
+    max_steps: int = 50,
+    tolerance: float = 1e-6,
+) -> float:
+    """Factor of an ellipse's semi-axes that the thesis's program finds, from `tolerance` to 1.
 
-    Table 4.2 asks at each step whether two ellipses meet one of the first `edges`. Meeting a line
-    is monotone in the scale, so that one number for each edge answers every such question.
+    Table 4.2 asks at each step whether two ellipses meet one of the first `edges`. An ellipse that
+    meets a line does so at all larger scales, so that one scale for each edge answers this.
     """
     least_met = _least_met(polygon, middle, semi_axes, edges)
     fibonacci = [1.0, 1.0]
-    while len(fibonacci) < MOST_STEPS:
+    while len(fibonacci) < max_steps:
         fibonacci.append(fibonacci[-1] + fibonacci[-2])
-    low, high = TOLERANCE, 1.0
-    for count in range(1, MOST_STEPS - 1):
-        if high - low <= TOLERANCE:
+    low, high = tolerance, 1.0
+    for count in range(1, max_steps - 1):
+        if high - low <= tolerance:
             break
         meets = least_met <= low, least_met <= high
-        last = fibonacci[MOST_STEPS - count]
-        first = low + fibonacci[MOST_STEPS - count - 2] / last * (high - low)
-        second = low + fibonacci[MOST_STEPS - count - 1] / last * (high - low)
+        last = fibonacci[max_steps - count]
+        first = low + fibonacci[max_steps - count - 2] / last * (high - low)
+        second = low + fibonacci[max_steps - count - 1] / last * (high - low)
         if all(meets):
             high = first
         elif meets[1]:
@@ -178,10 +203,10 @@ def searched_scale(polygon: Floats, middle: Floats, semi_axes: Floats, edges: in
 
 
 def _least_met(polygon: Floats, middle: Floats, semi_axes: Floats, edges: int) -> float:
-    """Scale from which on the ellipse meets one of the lines that the program makes of edges."""
+    """Least scale at which the ellipse meets one of the lines that the program takes for edges."""
     x, y = polygon[:edges].T
     dx, dy = (np.roll(polygon, -1, axis=0) - polygon)[:edges].T
-    # The line is dy x - dx y + c = 0: without the minus it is another one.
+    # The line is dy x - dx y + c = 0; the program lacks the minus sign.
     constant = dy * middle[0] + dx * middle[1] + (y * dx - x * dy)
     width = np.hypot(dy * semi_axes[0], dx * semi_axes[1])
     scales = np.divide(np.abs(constant), width, out=np.full(len(x), np.inf), where=width > 0.0)
@@ -189,13 +214,13 @@ def _least_met(polygon: Floats, middle: Floats, semi_axes: Floats, edges: int) -
 
 
 def nearest_phase(polygon: Floats, middle: Floats, corner: Floats) -> int:
-    """Which vertex of a polygon (n, 2) lies most nearly in the direction of a corner."""
+    """Number of the vertex of a polygon (n, 2) that is nearest to the direction of a corner."""
     turns = turn_between(polygon - middle, np.broadcast_to(corner - middle, polygon.shape))
     return int(np.abs(turns).argmin())
 
 
 def _rim(along_s: int, along_t: int) -> Ints:
-    """Numbers, s counting first, of the rim's places from s = t = 0 on: indexb."""
+    """Numbers of the rim's places, s counting first, starting at s = t = 0: indexb."""
     last = along_s * along_t - 1
     return np.concatenate(
         [
@@ -213,11 +238,11 @@ def _core(along_s: int, along_t: int, west: bool) -> Ints:
     return np.rot90(inner.T if west else inner).ravel(order="F").astype(np.int32)
 
 
-def fit_closed_curve_thesis(points: ArrayLike, count: int = VERTICES) -> splines.ClosedCurve:
-    """Closed cubic of `count` vertices, at least 4, near points (m, 2) or (m, 3), m.
+def fit_closed_curve_thesis(points: ArrayLike, count: int = 16) -> splines.ClosedCurve:
+    """Closed cubic of `count` vertices, at least 4, near points (m, 2) or (m, 3) [m].
 
-    The points are put in order, and their parameters set, as by `fit_closed_curve`. Raises
-    ValueError if they have another shape or fewer than 2 are different.
+    16 vertices lie around a layer of 5 by 5. The points are ordered, and their parameters set, as
+    by `fit_closed_curve`. Raises ValueError if they have another shape or fewer than 2 differ.
     """
     ring = splines.order_closed_points(np.asarray(points, np.float64))
     if len(ring.points) < 2:
@@ -227,29 +252,33 @@ def fit_closed_curve_thesis(points: ArrayLike, count: int = VERTICES) -> splines
     return splines.closed_curve_of(ring, fit, splines.local_noise(ring.points, turns))
 
 
-def fit_closed_thesis(points: Floats, parameters: Floats, count: int) -> splines.CurveFit:
-    """Cubic by (4.27) to (4.40), of `count` vertices, at least 4; see the module.
+def fit_closed_thesis(
+    points: Floats,
+    parameters: Floats,
+    count: int,
+    settings: ClosedCurveSettings = ClosedCurveSettings(),
+) -> splines.CurveFit:
+    """Closed cubic by (4.27) to (4.40), of `count` vertices, at least 4; see the module.
 
-    `points` (m, d): around the curve; the first is used once more at the end. `parameters` (m,): of
-    the points, increasing from 0, in turns. `count`: vertices, without the pseudo-vertices.
+    `points` (m, d): around the curve; the first is repeated at the end. `parameters` (m,): of the
+    points, increasing from 0 [turns]. `count`: vertices, without the pseudo-vertices.
     """
-    basis = splines.clamped_basis(count + PSEUDO)
+    basis = splines.clamped_basis(count + N_PSEUDO_VERTICES)
     closed = np.vstack([points, points[:1]])
     parameters = np.append(parameters, 1.0)
-    enough = ENOUGH * float(np.ptp(points, axis=0).mean())
-    wanted = np.vstack([closed, np.zeros((PSEUDO + 2, points.shape[1]))])
-    for _ in range(MOST_PASSES):
-        seen = basis.matrix(parameters).toarray()
-        system = np.vstack([seen, _closing_rows(basis, count, parameters[[0, -1]])])
-        vertices = np.linalg.pinv(system, rcond=CUTOFF) @ wanted
-        open_by = float(np.linalg.norm(vertices[:PSEUDO] - vertices[count:]))
-        if open_by < enough:
+    max_gap = settings.max_gap * float(np.ptp(points, axis=0).mean())
+    targets = np.vstack([closed, np.zeros((N_PSEUDO_VERTICES + 2, points.shape[1]))])
+    for _ in range(settings.max_steps):
+        rows = basis.matrix(parameters).toarray()
+        system = np.vstack([rows, _closing_rows(basis, count, parameters[[0, -1]])])
+        vertices = np.linalg.pinv(system, rcond=settings.svd_cutoff) @ targets
+        if float(np.linalg.norm(vertices[:N_PSEUDO_VERTICES] - vertices[count:])) < max_gap:
             break
-        around = np.vstack([vertices[:count], vertices[:PSEUDO]])
+        around = np.vstack([vertices[:count], vertices[:N_PSEUDO_VERTICES]])
         slopes = basis.matrix(parameters, 1) @ around
-        step = ((closed - seen @ around) * slopes).sum(axis=1)
-        step /= np.maximum((slopes * slopes).sum(axis=1), TINY)
-        parameters = np.maximum.accumulate(np.clip(parameters + DAMPING * step, 0.0, 1.0))
+        step = ((closed - rows @ around) * slopes).sum(axis=1)
+        step /= np.maximum((slopes * slopes).sum(axis=1), 1e-300)
+        parameters = np.maximum.accumulate(np.clip(parameters + settings.damping * step, 0.0, 1.0))
     return splines.CurveFit(
         control=vertices[:count],
         knots=basis.knots,
@@ -261,55 +290,59 @@ def fit_closed_thesis(points: Floats, parameters: Floats, count: int) -> splines
 
 
 def _closing_rows(basis: splines.Basis, count: int, ends: Floats) -> Floats:
-    """Rows (5, count + 3) of (4.37): equal vertices, equal derivatives where the curve closes."""
-    same = np.eye(PSEUDO, basis.count) - np.eye(PSEUDO, basis.count, count)
+    """Rows (5, count + 3) of (4.37): equal vertices, and equal derivatives at both ends."""
+    same = np.eye(N_PSEUDO_VERTICES, basis.count) - np.eye(N_PSEUDO_VERTICES, basis.count, count)
     first, second = (basis.matrix(ends, order).toarray() for order in (1, 2))
     return np.vstack([same, first[0] - first[1], second[0] - second[1]])
 
 
-def invert_thesis(volume: splines.SplineVolume, points: Floats) -> splines.Inversion:
-    """Parameters of points (n, 3) by (4.8) to (4.16), all points side by side.
+def invert_thesis(
+    volume: splines.SplineVolume,
+    points: Floats,
+    settings: InversionSettings = InversionSettings(),
+) -> splines.Inversion:
+    """Parameters of points (n, 3) by (4.8) to (4.16), all points in parallel.
 
-    The iteration begins at the affine guess. It stops at the first of coincidence, zero cosine and
-    insignificant change; the text asks for the first two together in one sentence and for any of
-    the three in the next. A singular matrix of (4.9) ends the iteration without an answer.
+    The iteration starts at the affine guess. It ends at the first of coincidence, zero cosine and
+    insignificant change; the text demands the first two together in one sentence, and any of the
+    three in the next. A singular matrix (4.9) ends the iteration without convergence.
     """
     points = finite_array("points", points, (None, 3))
     matrix = splines.affine_fit(volume)
     size = float(np.ptp(volume.control.reshape(-1, 3), axis=0).max())
-    close = max(COINCIDENCE * size, splines.least_residual(volume))
+    close = max(settings.max_distance * size, splines.least_residual(volume))
     parameters = np.clip(points @ matrix[:3] + matrix[3], 0.0, 1.0)
     steps = np.zeros(len(points), np.int32)
-    going = np.arange(len(points))
-    for _ in range(MOST_INVERSION_STEPS):
-        reached, slopes, bends = volume.second(parameters[going])
-        offset = reached - points[going]
-        still = ~_stands(slopes, offset, close)
-        going, slopes, bends, offset = going[still], slopes[still], bends[still], offset[still]
-        if not len(going):
+    active = np.arange(len(points))  # points whose iteration has not ended
+    for _ in range(settings.max_steps):
+        reached, slopes, bends = volume.second(parameters[active])
+        offset = reached - points[active]
+        open_ = ~_is_inverted(slopes, offset, close, settings.max_cosine)
+        active, slopes, bends, offset = active[open_], slopes[open_], bends[open_], offset[open_]
+        if not len(active):
             break
         change, regular = _newton_step(slopes, bends, offset)
-        moved = np.clip(parameters[going] + change, 0.0, 1.0)
-        steps[going] += 1
+        moved = np.clip(parameters[active] + change, 0.0, 1.0)
+        steps[active] += 1
         moves = np.linalg.norm((slopes @ change[:, :, None])[:, :, 0], axis=1) > close
-        parameters[going[regular]] = moved[regular]
-        going = going[regular & moves]
+        parameters[active[regular]] = moved[regular]
+        active = active[regular & moves]
     reached, slopes = volume.first(parameters)
     residual = np.linalg.norm(reached - points, axis=1)
     folded = splines.is_folded(volume, slopes)
     return splines.Inversion(parameters, residual, residual <= close, folded, steps)
 
 
-def _stands(slopes: Floats, offset: Floats, close: float) -> Bools:
-    """Point coincidence (4.14), or zero cosine (4.15) multiplied out: it is 0/0 at the answer."""
+def _is_inverted(slopes: Floats, offset: Floats, close: float, max_cosine: float) -> Bools:
+    """Point coincidence (4.14), or zero cosine (4.15) multiplied out, which is 0/0 at the point."""
     distance = np.linalg.norm(offset, axis=1)
     product = np.abs(np.einsum("nij,ni->nj", slopes, offset))
-    square = product <= ZERO_COSINE * np.linalg.norm(slopes, axis=1) * distance[:, None]
+    square = product <= max_cosine * np.linalg.norm(slopes, axis=1) * distance[:, None]
     return np.asarray((distance <= close) | square.all(axis=1))
 
 
 def _newton_step(slopes: Floats, bends: Floats, offset: Floats) -> tuple[Floats, Bools]:
-    """Solution (n, 3) of (4.12), and where its matrix (4.9) was regular."""
+    """Solution (n, 3) of (4.12), and whether its matrix (4.9) is regular, (n,)."""
     matrix = slopes.transpose(0, 2, 1) @ slopes + np.einsum("ni,nijk->njk", offset, bends)
     right = -np.einsum("nij,ni->nj", slopes, offset)
     size = np.abs(matrix).max(axis=(1, 2))

@@ -1,8 +1,26 @@
-"""From contours to a solid as Fung, 1999, chapter 4 and appendix, does it.
+"""From contours to a solid, by Fung, 1999, chapter 4 and appendix.
 
-Contours are put into the cube from -1 to 1 (4.2, steps 1 to 3), and their points matched with the
+Contours are scaled to the cube from -1 to 1 (4.2, steps 1 to 3), and their points matched with the
 model's azimuths (step 5). The solid is a deformed lattice with a superquadric's surface in it,
-whose s, t, u are had by inverting its points, or, as in 4.3, by a spline through known ones.
+whose s, t, u come from inverting its points, or, as in 4.3, from a spline through known ones.
+
+The program in the appendix, which ``faithful`` follows in the normalised cube of 4.2:
+
+- takes a contour's points by number, so that their start and direction matter, and does not
+  resample them (step 5);
+- has the model's rows at latitudes of up to 45 degrees, not level, and without its ends;
+- inverts points by (4.8) to (4.16);
+- has the polygons of clamped curves that do not close as shells (4.4.2), laid along the rim so
+  that the lattice is a mirror image;
+- searches for the core's ellipse by `searched_scale`, takes the box around it, and turns it by the
+  quadrant of a vertex about the origin;
+- lays a spline between known parameters, and clips it (4.3);
+- closes the ends by points 0.01 beyond them, in the contours' unit.
+
+Corrected are: the middle (of the area) and the match; level rows up to the poles, which close the
+solid; the inversion axis by axis; periodic polygons, a lattice that does not mirror, a core inside
+its shell; and the parameters, which are the model's own. The heuristic itself stays: contours serve
+as control layers, which a spline does not pass, and the closed polygon has four clamped sides.
 """
 
 from __future__ import annotations
@@ -26,71 +44,43 @@ from palpate.core.thesis.layers import (
 )
 from palpate.reprs import readable
 
-# Of the model: the program's, whatever the object. Its surface keeps close to the lattice's faces,
-# where the shell is; a rounder one would be drawn inwards.
-EXPONENTS = (0.15, 0.15)
-LEAST_SIDE = splines.CUBIC + 1
-PROGRAM_CAP = 0.01  # Beyond the end rows, in whatever unit the contours are
-FINE = 8  # Chords for each point of a contour, by which rays meet the curve through them
-LEAST_POINTS = 4  # Different points of a contour, the fewest of which a curve is fitted
-SAME = 1e-12  # Of the size: a last point nearer to the first one is the first one again
-LEAST_ROWS, LEAST_COLUMNS = 2, 3
+MIN_SIDE = splines.CUBIC + 1  # control points along a side of a layer
+MIN_CONTOUR_POINTS = 4  # different points, to which a curve is fitted
+MIN_ROWS, MIN_COLUMNS = 2, 3  # of a mesh
 
 
 def rebuild_thesis(
     contours: Sequence[ArrayLike] | Floats,
     *,
-    exponents: tuple[float, float] | None = None,
+    exponents: tuple[float, float] = (0.15, 0.15),
     layer: tuple[int, int] = (5, 5),
     faithful: bool = False,
+    cap: float = 0.01,
 ) -> ThesisSolid:
     """The solid of the thesis's shell and core.
 
-    `contours` (m, n, 3): at least 2 level contours with as many points each, m: see
-    `stack_contours`. `exponents`: e1 and e2 of the original model, from 0.02 to 2; 0.15 both if
-    left out. `layer`: control points of a layer along s and t, at least 4. `faithful`: as the
-    program in the appendix has it, in place of what is right: see below. Raises ValueError if
-    the contours, the exponents or the layer cannot be used. The program's ways that ``faithful``
-    keeps, in the normalised cube of 4.2:
-
-    - a contour's points are taken by number, so that where they begin and which way they run
-      matters, and are not resampled (step 5);
-    - the model's rows lie at latitudes of up to 45 degrees, are not level, and leave out its ends;
-    - points are inverted by (4.8) to (4.16);
-    - the shell's polygons are those of clamped curves that do not close (4.4.2), laid along
-      the rim so that the lattice is a mirror image;
-    - the core's ellipse is searched for by `searched_scale`, the core is the box around it,
-      and its direction depends on the quadrant of a vertex about the origin;
-    - between known parameters a spline is laid, and clipped (4.3);
-    - the ends are closed by points 0.01 beyond them, of whatever unit.
-
-    Corrected are: the middle (of the area) and the match; level rows up to the poles, which close
-    the solid; the inversion axis by axis; periodic polygons, a lattice that does not mirror, a core
-    inside its shell; and the parameters, which are the model's own. What stays is the heuristic
-    itself: contours are taken for control layers, which a spline does not pass, and the closed
-    polygon is read with four clamped sides.
+    `contours` (m, n, 3): at least 2 level contours with as many points each [m]: see
+    `stack_contours`. `exponents`: e1 and e2 of the original model, from 0.02 to 2; by default the
+    program's, with which the model's surface is close to the lattice's faces, where the shell is.
+    `layer`: control points of a layer along s and t, at least 4. `faithful`: follow the program in
+    the appendix, else the corrections: see the module. `cap`: distance of the closing points from
+    the end rows in the contours' unit, if `faithful`. Raises ValueError if the contours, the
+    exponents or the layer cannot be used.
     """
     stack = stack_contours(contours)
-    if len(layer) != 2 or min(layer) < LEAST_SIDE:
+    if len(layer) != 2 or min(layer) < MIN_SIDE:
         raise ValueError(
-            f"layer must be two numbers of points, at least {LEAST_SIDE} each, got {layer}"
+            f"layer must be two numbers of points, at least {MIN_SIDE} each, got {layer}"
         )
-    chosen = finite_array("exponents", EXPONENTS if exponents is None else exponents, (2,))
+    chosen = finite_array("exponents", exponents, (2,))
     model = Superquadric(np.ones(3), chosen)
-    count = stack.points.shape[1]
     layers, one_to_one, flat, meeting = (_by_number if faithful else _by_azimuth)(stack, layer)
     control = np.empty((*layer, len(stack.heights), 3))
-    control[..., :2] = np.stack([one.control for one in layers], axis=2)
+    control[..., :2] = np.stack([part.control for part in layers], axis=2)
     control[..., 2] = stack.heights
     undeformed = _undeformed(control.shape[:3])
-    azimuths = np.append(ray_azimuths(count), np.pi)
-    steps = np.linspace(-1.0, 1.0, len(stack.heights))
-    if faithful:
-        points = latitude_points(model, np.arctan(steps), azimuths)
-        parameters = triples_of(undeformed, points, invert_thesis)
-    else:
-        parameters = triples_of(undeformed, level_points(model, steps, azimuths))
-    # Over the contours' box: parameters are the same in it as in the cube.
+    parameters = _model_parameters(model, undeformed, stack.points.shape[:2], faithful)
+    # Parameters are the same in the contours' box as in the cube.
     deformed, before = (
         splines.SplineVolume(stack.box.points(0.5 * (places + 1.0)), undeformed.bases)
         for places in (control, undeformed.control)
@@ -101,37 +91,52 @@ def rebuild_thesis(
         triples=(
             interpolated_parameters(parameters) if faithful else ModelTriples(model, undeformed)
         ),
-        cap=PROGRAM_CAP if faithful else None,
+        cap=cap if faithful else None,
         order=stack.order,
         health=ThesisHealth(one_to_one, flat, meeting, *_cores(layers)),
     )
 
 
-def stack_contours(contours: Sequence[ArrayLike] | Floats) -> ContourStack:
-    """Sort contours by height and put them into the cube from -1 to 1.
+def _model_parameters(
+    model: Superquadric, undeformed: splines.SplineVolume, shape: tuple[int, ...], faithful: bool
+) -> Floats:
+    """Parameters (m, n + 1, 3) of the model's points that belong to (m, n) contour points."""
+    steps, azimuths = np.linspace(-1.0, 1.0, shape[0]), np.append(ray_azimuths(shape[1]), np.pi)
+    if not faithful:
+        return triples_of(undeformed, level_points(model, steps, azimuths))
+    points = latitude_points(model, np.arctan(steps), azimuths)
+    return triples_of(undeformed, points, invert_thesis)
 
-    At least 2 level ones with as many points each, 4 or more, the first again at the end of all or
-    of none. A height is the mean of its points'. Raises ValueError if there are too few contours or
-    points, some are not finite, or the contours have no extent along x, y or z.
+
+def stack_contours(
+    contours: Sequence[ArrayLike] | Floats, max_seam_gap: float = 1e-12
+) -> ContourStack:
+    """Sort contours by height and scale them to the cube from -1 to 1.
+
+    At least 2 level contours with as many points each, 4 or more; the first point is repeated at
+    the end of all or of none, to `max_seam_gap` of the largest extent. A contour's height is the
+    mean of its points'. Raises ValueError if there are too few contours or points, some are not
+    finite, or the contours have no extent along x, y or z.
     """
-    given = [np.asarray(contour, dtype=np.float64) for contour in contours]
-    if len(given) < 2:
-        raise ValueError(f"contours must be at least 2, got {len(given)}")
-    counts = sorted({len(contour) if contour.ndim else 0 for contour in given})
+    arrays = [np.asarray(contour, dtype=np.float64) for contour in contours]
+    if len(arrays) < 2:
+        raise ValueError(f"contours must be at least 2, got {len(arrays)}")
+    counts = sorted({len(contour) if contour.ndim else 0 for contour in arrays})
     if len(counts) > 1:
         raise ValueError(f"contours must have as many points each, got {counts[0]} to {counts[-1]}")
-    points = finite_array("contours", np.stack(given), (None, None, 3))
+    points = finite_array("contours", np.stack(arrays), (None, None, 3))
     heights = points[:, :, 2].mean(axis=1)
     low = np.append(points[:, :, :2].min(axis=(0, 1)), heights.min())
     extent = np.append(points[:, :, :2].max(axis=(0, 1)), heights.max()) - low
     if not (extent > 0.0).all():
         raise ValueError(f"contours must extend along x, y and z, got {extent.tolist()} m")
     gaps = np.abs(points[:, -1, :2] - points[:, 0, :2]).max(axis=1)
-    if (gaps <= SAME * extent.max()).all():
+    if (gaps <= max_seam_gap * extent.max()).all():
         points = points[:, :-1]
-    if points.shape[1] < LEAST_POINTS:
+    if points.shape[1] < MIN_CONTOUR_POINTS:
         raise ValueError(
-            f"contours must have at least {LEAST_POINTS} different points, got {points.shape[1]}"
+            f"contours must have at least {MIN_CONTOUR_POINTS} different points, "
+            f"got {points.shape[1]}"
         )
     order = np.argsort(heights, kind="stable").astype(np.int32)
     return ContourStack(
@@ -161,18 +166,19 @@ def _by_azimuth(
 
 
 def ray_azimuths(count: int) -> Floats:
-    """Azimuths (count,) of so many rays: even ones from -pi on, rad."""
+    """Azimuths (count,) of `count` rays, evenly from -pi on [rad]."""
     return np.pi * (2.0 * np.arange(count) / count - 1.0)
 
 
-def match_contour(points: Floats, azimuths: Floats) -> ContourMatch:
+def match_contour(points: Floats, azimuths: Floats, n_chords: int = 8) -> ContourMatch:
     """Where rays from the middle of a contour meet the closed curve through its points (n, 2).
 
-    The middle is that of the area: the mean of the points, as printed, lies where they are dense.
-    Where a ray meets the curve not just once, the azimuth is made monotone, or is the length.
+    The middle is that of the area; the mean of the points, as printed, lies where they are dense.
+    Where a ray meets the curve more than once, the azimuth is made monotone, or replaced by the
+    length. `n_chords`: of the curve, for each point.
     """
     curve = splines.fit_closed_curve(points)
-    count = FINE * len(points)
+    count = n_chords * len(points)
     polygon = curve.at(np.arange(count) / count)
     middle = geometry.area_centroid(polygon)
     match = geometry.azimuth_match(polygon, middle, azimuths)
@@ -189,7 +195,7 @@ def _undeformed(counts: tuple[int, ...]) -> splines.SplineVolume:
 
 
 def level_points(model: Superquadric, heights: Floats, azimuths: Floats) -> Floats:
-    """Points (a, b, 3) of a model of semi-axes 1, at heights (a,) and azimuths (b,), rad."""
+    """Points (a, b, 3) of a model of semi-axes 1, at heights (a,) and azimuths (b,) [rad]."""
     around = np.column_stack([np.cos(azimuths), np.sin(azimuths), np.zeros(len(azimuths))])
     outline = around[:, :2] / model.gauge(around)[:, None]
     power = 2.0 / float(model.exponents[0])
@@ -207,21 +213,21 @@ def _cores(layers: list[ThesisLayer]) -> tuple[Floats, Bools, Ints, Floats]:
         rim, core = layer.control[cells[:, 0], cells[:, 1]], layer.control[1:-1, 1:-1]
         outside.append(int((geometry.winding_number(rim, core.reshape(-1, 2)) == 0).sum()))
     return (
-        np.array([one.core_scale for one in layers]),
-        np.array([one.moved for one in layers]),
+        np.array([layer.core_scale for layer in layers]),
+        np.array([layer.moved for layer in layers]),
         np.array(outside, np.int32),
-        np.array([one.gap for one in layers]),
+        np.array([layer.gap for layer in layers]),
     )
 
 
 class ContourMatch(NamedTuple):
-    """Which points of a contour belong to given azimuths."""
+    """The points of a contour at some azimuths."""
 
     points: Floats  # (k, 2)
-    middle: Floats  # (2,): from where the azimuths are taken
-    one_to_one: bool  # Each ray from the middle meets the contour once
-    degenerate: bool  # The contour encloses nothing
-    self_intersecting: bool  # The curve meets itself
+    middle: Floats  # (2,): origin of the rays
+    one_to_one: bool  # whether each ray meets the contour once
+    degenerate: bool  # whether the contour encloses no area
+    self_intersecting: bool  # whether the curve meets itself
 
 
 class ContourStack(NamedTuple):
@@ -229,20 +235,20 @@ class ContourStack(NamedTuple):
 
     points: Floats  # (m, n, 2), each point once; from -1 to 1
     heights: Floats  # (m,), from -1 to 1, not falling
-    box: splines.Parallelepiped  # Around the contours, m: the cube from -1 to 1 stands for it
-    order: Ints  # (m,): which of the given contours each is
+    box: splines.Parallelepiped  # around the contours [m], scaled to the cube from -1 to 1
+    order: Ints  # (m,): number of each among the unsorted contours
 
 
 class ThesisHealth(NamedTuple):
-    """What should be known of a solid before it is used; one entry for each contour, upwards."""
+    """Quality of a solid; one entry for each contour, upwards."""
 
-    one_to_one: Bools  # (m,): each ray from the contour's middle met it once; true by number
-    degenerate: Bools  # (m,): the contour encloses nothing; matched by number: it is a point
-    self_intersecting: Bools  # (m,): the contour meets itself
+    one_to_one: Bools  # (m,): whether each ray met the contour once; true if matched by number
+    degenerate: Bools  # (m,): whether it encloses no area; if matched by number: is a point
+    self_intersecting: Bools  # (m,): whether the contour meets itself
     core_scales: Floats  # (m,): sides of the layer's core over those of the box around its shell
-    cores_moved: Bools  # (m,): the core is not in the middle of that box
+    cores_moved: Bools  # (m,): whether the core is off the middle of that box
     cores_outside: Ints  # (m,): control points of the core that lie outside their shell
-    gaps: Floats  # (m,): how far open the curve is that gave the shell, over its mean width
+    gaps: Floats  # (m,): of the shell's curve, over its mean width
 
 
 @readable
@@ -250,23 +256,22 @@ class ThesisHealth(NamedTuple):
 class ThesisSolid:
     """A superquadric's surface, deformed by a control lattice.
 
-    Given over eta, from 0 at the bottom to 1 at the top, and nu, from 0 to 1 once around.
+    Its parameters are eta, from 0 at the bottom to 1 at the top, and nu, from 0 to 1 around.
     """
 
-    lattice: splines.Lattice  # Over the contours' box, m; a layer of control points a contour
-    # s, t, u (m, n, 3) of the model's points that were matched with the contours': upwards, then
-    # around from azimuth -pi, the first again at the end.
+    lattice: splines.Lattice  # over the contours' box [m], one layer for each contour
+    # s, t, u (m, n, 3) of the model's points that belong to the contours' points: upwards, then
+    # around from azimuth -pi, the first repeated at the end.
     parameters: Floats
-    triples: ModelTriples | TripleSpline  # Parameters of the whole surface
-    # How far beyond its first and last row the surface is closed by a point, m; None if it ends in
-    # points of its own.
+    triples: ModelTriples | TripleSpline  # parameters of the whole surface
+    # [m] from the first and last row to the closing points; None if the surface ends in poles.
     cap: float | None
-    order: Ints  # (m,): which of the given contours each layer is
+    order: Ints  # (m,): number of each layer's contour among the unsorted ones
     health: ThesisHealth
 
     @property
     def figures(self) -> dict[str, float]:
-        """How good its fit is: contours and core points, and the widest gap between layers [m]."""
+        """Counts of imperfect contours and cores, and the widest gap of a shell's curve."""
         fit = self.health
         return {
             "unmatched_contours": float((~fit.one_to_one).sum()),
@@ -277,7 +282,7 @@ class ThesisSolid:
         }
 
     def surface(self, eta: Floats, nu: Floats) -> Floats:
-        """Points of the surface on a grid (a,), (b,) of numbers from 0 to 1: (a, b, 3), m.
+        """Points of the surface on a grid (a,), (b,) of numbers from 0 to 1: (a, b, 3) [m].
 
         Raises ValueError if a number is not finite or outside 0 to 1.
         """
@@ -286,14 +291,14 @@ class ThesisSolid:
         return self.lattice.volume.at(triples.reshape(-1, 3)).reshape(triples.shape)
 
     def mesh(self, rows: int, columns: int) -> Mesh:
-        """Closed mesh of so many rows and columns of points, with a point at either end.
+        """Closed mesh of `rows` by `columns` points, with a point at either end.
 
-        Raises ValueError if there are not at least 2 rows and 3 columns. The triangles are turned
-        round where the lattice mirrors. Where it folds, the mesh may meet itself.
+        Raises ValueError if there are fewer than 2 rows or 3 columns. The triangles are reversed
+        if the lattice mirrors. Where it folds, the mesh may meet itself.
         """
-        if rows < LEAST_ROWS or columns < LEAST_COLUMNS:
+        if rows < MIN_ROWS or columns < MIN_COLUMNS:
             raise ValueError(
-                f"a mesh must have at least {LEAST_ROWS} rows and {LEAST_COLUMNS} columns, "
+                f"a mesh must have at least {MIN_ROWS} rows and {MIN_COLUMNS} columns, "
                 f"got {rows} and {columns}"
             )
         nu = np.arange(columns) / columns
@@ -302,8 +307,8 @@ class ThesisSolid:
             bottom, rings, top = surface[0, 0], surface[1:-1], surface[-1, 0]
         else:
             rings = self.surface(np.linspace(0.0, 1.0, rows), nu)
-            beyond = np.array([0.0, 0.0, self.cap])
-            bottom, top = rings[0].mean(axis=0) - beyond, rings[-1].mean(axis=0) + beyond
+            cap = np.array([0.0, 0.0, self.cap])
+            bottom, top = rings[0].mean(axis=0) - cap, rings[-1].mean(axis=0) + cap
         vertices, faces = geometry.close_rings(bottom, rings, top)
         if geometry.solidity(vertices, faces).volume < 0.0:
             faces = faces[:, ::-1]
@@ -321,13 +326,13 @@ def _unit(name: str, places: Floats) -> Floats:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ModelTriples:
-    """Parameters of the model's surface, each by inverting the model's own point.
+    """Parameters of the model's surface, by inversion of the model's points.
 
-    Eta goes from 0 at the lower pole to 1 at the upper one, nu once around from azimuth -pi.
+    Eta is 0 at the lower pole and 1 at the upper one; nu is 0 at azimuth -pi and 1 after a turn.
     """
 
-    model: Superquadric  # With semi-axes of 1
-    volume: splines.SplineVolume  # The undeformed lattice over the cube from -1 to 1
+    model: Superquadric  # with semi-axes of 1
+    volume: splines.SplineVolume  # the undeformed lattice over the cube from -1 to 1
 
     def at(self, eta: Floats, nu: Floats) -> Floats:
         """Parameters s, t, u on a grid (a,), (b,) of numbers from 0 to 1: (a, b, 3)."""
@@ -336,7 +341,7 @@ class ModelTriples:
 
 
 def latitude_points(model: Superquadric, latitudes: Floats, azimuths: Floats) -> Floats:
-    """Points (a, b, 3) of a model at latitudes (a,) and azimuths (b,), rad: (2.4), (2.5)."""
+    """Points (a, b, 3) of a model at latitudes (a,) and azimuths (b,) [rad]: (2.4), (2.5)."""
     eta, omega = np.repeat(latitudes, len(azimuths)), np.tile(azimuths, len(latitudes))
     return regular_points(model, eta, omega).points.reshape(len(latitudes), len(azimuths), 3)
 
@@ -354,10 +359,10 @@ def triples_of(
 class TripleSpline:
     """A surface in the space of the parameters s, t, u: (4.17)."""
 
-    bases: tuple[splines.Basis, splines.Basis]  # Along eta and nu, both over [0, 1]
+    bases: tuple[splines.Basis, splines.Basis]  # along eta and nu, both over [0, 1]
     control: Floats  # (m, n, 3)
-    sites: tuple[Floats, Floats]  # eta (m,) and nu (n,) of the triples that it passes
-    condition: float  # Condition number of the interpolation
+    sites: tuple[Floats, Floats]  # eta (m,) and nu (n,) of the interpolated triples
+    condition: float  # condition number of the interpolation
 
     def at(self, eta: Floats, nu: Floats) -> Floats:
         """Parameters s, t, u on a grid (a,), (b,) of numbers from 0 to 1: (a, b, 3).
@@ -371,10 +376,11 @@ class TripleSpline:
 def interpolated_parameters(parameters: Floats) -> TripleSpline:
     """The spline surface through a grid of parameter triples: (4.17) to (4.21).
 
-    `parameters` (m, n, 3): upwards and around, the first again at the end; ValueError if there are
-    not 2 rows and 4 columns, or neighbours are the same throughout. Cubic, of a lower degree where
-    there are fewer than 4 rows. Sites by square roots of the chords (4.18), averaged over all rows
-    that have a length; knots by (4.19), from its first site. The seam is passed, not smoothly.
+    `parameters` (m, n, 3): upwards and around, the first repeated at the end. Cubic, of a lower
+    degree if there are fewer than 4 rows. Sites by square roots of the chords (4.18), averaged over
+    all rows that have a length; knots by (4.19), from its first site. The seam is not smooth.
+    Raises ValueError if there are fewer than 2 rows or 4 columns, or neighbouring rows or columns
+    are equal.
     """
     parameters = finite_array("parameters", parameters, (None, None, 3))
     rows, columns = parameters.shape[:2]
@@ -389,16 +395,16 @@ def interpolated_parameters(parameters: Floats) -> TripleSpline:
         splines.Basis(splines.averaged_knots(sites[0], along), along),
         splines.Basis(splines.averaged_knots(sites[1], around), around),
     )
-    found = splines.interpolate_grid(bases, sites, parameters)
-    return TripleSpline(bases, found.control, sites, found.condition)
+    fit = splines.interpolate_grid(bases, sites, parameters)
+    return TripleSpline(bases, fit.control, sites, fit.condition)
 
 
 def _sites(name: str, parameters: Floats) -> Floats:
     """Centripetal parameters (m,) of a grid (m, n, 3) along its first axis, the mean of all."""
     chords = np.sqrt(np.linalg.norm(np.diff(parameters, axis=0), axis=2))
-    ways = np.vstack([np.zeros(chords.shape[1]), np.cumsum(chords, axis=0)])
-    long = ways[-1] > 0.0
-    sites = (ways[:, long] / ways[-1, long]).mean(axis=1) if long.any() else np.zeros(len(ways))
+    lengths = np.vstack([np.zeros(chords.shape[1]), np.cumsum(chords, axis=0)])
+    lengths = lengths[:, lengths[-1] > 0.0]
+    sites = (lengths / lengths[-1]).mean(axis=1) if lengths.size else np.zeros(len(lengths))
     if not (np.diff(sites) > 0.0).all():
         raise ValueError(f"parameters must differ between neighbouring {name}")
     sites[-1] = 1.0

@@ -13,7 +13,7 @@ from palpate.core.thesis.rebuilding import ThesisSolid, rebuild_thesis
 
 
 def thesis_solid(evidence: Evidence, faithful: bool) -> LatticeSolid:
-    """Shell and core of contours, as corrected or as printed."""
+    """Shell and core of contours: as printed if `faithful`, else as corrected."""
     slices = evidence.slices
     count = evidence.correspondence.grid.shape[1]
     turns = np.arange(count) / count
@@ -22,13 +22,13 @@ def thesis_solid(evidence: Evidence, faithful: bool) -> LatticeSolid:
         np.column_stack([ring, np.full(len(ring), height)])
         for ring, height in zip(rings, slices.heights, strict=True)
     ]
-    found = rebuild_thesis(raised, faithful=faithful)
-    surface = placed(closed_surface(_patches(found)), evidence.frame)
-    return LatticeSolid(surface=surface, method="thesis", evidence=evidence, model=found)
+    solid = rebuild_thesis(raised, faithful=faithful)
+    surface = placed(closed_surface(_patches(solid)), evidence.frame)
+    return LatticeSolid(surface=surface, method="thesis", evidence=evidence, model=solid)
 
 
 def _patches(solid: ThesisSolid) -> tuple[Patch, ...]:
-    """Its surface, upwards and counter-clockwise; the points that close it there are cones here."""
+    """The solid's surface, upwards and counter-clockwise; cones lead to its closing points."""
     middle = solid.surface(np.array([0.5]), np.linspace(0.0, 1.0, 65))[0, :-1]
     mirrored = signed_area(middle[:, :2]) < 0.0
 
@@ -40,9 +40,9 @@ def _patches(solid: ThesisSolid) -> tuple[Patch, ...]:
         return (side,)
     turns = np.arange(side.control.shape[1]) / side.control.shape[1]
     tips = []
-    for v, way in ((0.0, -1.0), (1.0, 1.0)):
+    for v, sign in ((0.0, -1.0), (1.0, 1.0)):
         ring = side.at(np.full(len(turns), v), turns)
-        tips.append((ring.mean(axis=0) + np.array([0.0, 0.0, way * solid.cap]), way))
-    cone = StraightCurve((0.0, 1.0), (0.0, 0.0))  # towards the tip, which stands for its middle
-    below, above = (EndPatch(side, cone, tip, tip, way > 0.0) for tip, way in tips)
+        tips.append((ring.mean(axis=0) + np.array([0.0, 0.0, sign * solid.cap]), sign))
+    cone = StraightCurve((0.0, 1.0), (0.0, 0.0))  # towards the tip
+    below, above = (EndPatch(side, cone, tip, tip, sign > 0.0) for tip, sign in tips)
     return below, side, above

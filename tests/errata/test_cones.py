@@ -29,7 +29,7 @@ def finds_apex(cone: Cone, touched: list[Feature]) -> bool:
 
 def faces_that_stand(touched: list[Feature]) -> set[str]:
     """Places of the one face whose place is asked for."""
-    return {one.features[0].place for one in interpretations(touched) if one.stands}
+    return {one.features[0].place for one in interpretations(touched) if one.is_possible}
 
 
 def test_one_face_and_two_edges_are_no_combination_of_two_faces():
@@ -59,7 +59,7 @@ def test_an_edge_of_the_bottom_and_a_parabolic_point_are_a_row_that_is_there_alr
     for cone in CONES[:5]:
         touched = cone.features(["F_S", "E_B", "P_m"], place=False)
         (found,) = (one for one in interpretations(touched) if one.name == "F_S E_B P_m")
-        assert found.stands and found.row.combination == "E_B E_m F_S"  # two rows above
+        assert found.is_possible and found.row.combination == "E_B E_m F_S"  # two rows above
     # All pairs of places of two edges beside a side.
     assert len({row.features for row in FEE_ROWS if "F_S" in row.features}) == 6
 
@@ -113,7 +113,8 @@ def test_an_apex_is_on_the_plane_of_neither_end():
         (row,) = (row for row in rows if row.kind == "ii")
         for cone in CONES[:5]:
             found = interpretations(cone.features(row.features, place=False))
-            assert not any(one.stands for one in found if {"E_m", "F_B"} <= set(one.name.split()))
+            bases = [one for one in found if {"E_m", "F_B"} <= set(one.name.split())]
+            assert not any(one.is_possible for one in bases)
 
 
 def test_an_end_need_not_be_touched_on_its_face():

@@ -76,12 +76,12 @@ def _surface(path: Path, unit: str | None) -> tuple[np.ndarray, np.ndarray, floa
     mesh = find_run_mesh(path)
     if mesh == path:
         vertices, faces, _ = read_mesh(path, unit)
-        return vertices, faces, recognition.UNCERTAINTY
+        return vertices, faces, recognition.MatchingSettings().uncertainty
     vertices, faces, _ = read_mesh(mesh, unit or "m")
     told = read_summary(path) if mesh.with_name(SUMMARY).is_file() else {}
     bound = told.get("rms_bound_95_m")
     known = bound if isinstance(bound, float) and 0.0 < bound < math.inf else 0.0
-    return vertices, faces, max(known, recognition.UNCERTAINTY)
+    return vertices, faces, max(known, recognition.MatchingSettings().uncertainty)
 
 
 def _learned(database: ObjectDatabase, say: Callable[[str], object]) -> recognition.ObjectModels:

@@ -1,4 +1,4 @@
-"""Cones whose every feature is known."""
+"""Cones with known features."""
 
 import math
 from collections.abc import Sequence
@@ -11,9 +11,9 @@ from scipy.spatial.transform import Rotation
 from palpate.core.arrays import Floats
 from palpate.core.cones import Feature
 
-ANGLE, POSITION = math.radians(1.0), 1e-4  # Standard deviations of the noise [rad], [m]
+ANGLE, POSITION = math.radians(1.0), 1e-4  # standard deviations of the noise [rad], [m]
 CHORDS = 6
-# Chords that touches of one name meet, in turn: no line lies in a face that is touched
+# Chords of the touches of each name, in turn: no touched line lies in a touched face.
 ORDER = {"F_S": (0, 1, 2), "E_T": (3, 4), "E_B": (4, 5), "E_m": (5, 2), "P_m": (3, 4)}
 
 
@@ -21,12 +21,12 @@ ORDER = {"F_S": (0, 1, 2), "E_T": (3, 4), "E_B": (4, 5), "E_m": (5, 2), "P_m": (
 class Cone:
     """An ellipse with six chords, drawn out to an apex and cut square to its axis."""
 
-    rotation: Floats  # Object axes as columns; the last points to the apex
+    rotation: Floats  # object axes as columns; the last points to the apex
     apex: Floats
-    depths: tuple[float, float]  # Of top and bottom below the apex, m
-    middle: Floats  # Of the section at unit depth
+    depths: tuple[float, float]  # [m] of top and bottom below the apex
+    middle: Floats  # of the section at unit depth
     semi_axes: Floats
-    turns: Floats  # Where chords begin and end, (6, 2), rad
+    turns: Floats  # [rad] of the chords' ends, (6, 2)
 
     @property
     def axis(self) -> Floats:
@@ -37,7 +37,7 @@ class Cone:
         return self.depths[1]
 
     def ray(self, turn: float) -> Floats:
-        """From the apex, of unit depth."""
+        """Vector of unit depth from the apex to the rim."""
         x, y = self.middle + self.semi_axes * [np.cos(turn), np.sin(turn)]
         return self.rotation @ [x, y, -1.0]
 
@@ -50,7 +50,7 @@ class Cone:
         return start, end, along / np.linalg.norm(along), normal / np.linalg.norm(normal)
 
     def feature(self, name: str, index=0, share=0.4, place=True, normals=True) -> Feature:
-        """A touch; `share`: where along the edge or between the ends it lies."""
+        """A touch; `share`: its place along the edge or between the ends."""
         group, at = name.split("_")
         index = ORDER.get(name, (0, 2, 4))[index]
         top, bottom = self.depths
@@ -102,7 +102,7 @@ class Cone:
 
 
 def draw_cone(rng: np.random.Generator, beside: float = 0.0) -> Cone:
-    """A random cone; `beside`: how far the middle of the section lies from the axis."""
+    """A random cone; `beside`: distance of the section's middle from the axis."""
     rotation = np.linalg.qr(rng.normal(size=(3, 3)))[0]
     rotation[:, 0] *= np.linalg.det(rotation)
     turns = np.arange(CHORDS)[:, None] * (2 * np.pi / CHORDS) + rng.uniform(0.1, 0.3)
@@ -128,27 +128,27 @@ def moved(features: Sequence[Feature], turn: Floats, shift: Floats) -> list[Feat
     """The same features after a rigid motion."""
     return [
         replace(
-            one,
-            point=turn @ one.point + shift,
-            direction=None if one.direction is None else turn @ one.direction,
-            normals=one.normals @ turn.T,
+            feature,
+            point=turn @ feature.point + shift,
+            direction=None if feature.direction is None else turn @ feature.direction,
+            normals=feature.normals @ turn.T,
         )
-        for one in features
+        for feature in features
     ]
 
 
 def noisy(features: Sequence[Feature], rng: np.random.Generator) -> list[Feature]:
-    """Directions and normals of faces off by 1 degree, points by 0.1 mm."""
+    """The same features, with errors of 1 degree in directions and 0.1 mm in points."""
 
     def turned(vector: Floats) -> Floats:
         return Rotation.from_rotvec(ANGLE * rng.normal(size=3)).apply(vector)
 
     return [
         replace(
-            one,
-            point=one.point + POSITION * rng.normal(size=3),
-            direction=None if one.direction is None else turned(one.direction),
-            normals=turned(one.normals) if one.group == "F" else one.normals,
+            feature,
+            point=feature.point + POSITION * rng.normal(size=3),
+            direction=None if feature.direction is None else turned(feature.direction),
+            normals=turned(feature.normals) if feature.group == "F" else feature.normals,
         )
-        for one in features
+        for feature in features
     ]

@@ -1,4 +1,4 @@
-"""Laws of the feature of a cone that a touch is read as."""
+"""Laws of the classification of touches as features of a cone."""
 
 import math
 from collections.abc import Callable
@@ -12,8 +12,8 @@ from palpate.core.arrays import Floats
 from palpate.core.cones import Feature, feature_of_contact
 
 PITCH, ACROSS = 1e-3, 15  # 15 by 15 taxels
-DEPTH = 2.5e-3  # Of the press [m]
-EXACT = 1e-9  # Of the patch's width, and [rad]
+DEPTH = 2.5e-3  # [m] of the press
+EXACT = 1e-9  # fraction of the patch's width, and [rad]
 UP = np.array([0.0, 0.0, 1.0])
 POSES = Rotation.random(8, random_state=5).as_matrix()
 
@@ -33,7 +33,7 @@ def taxels(height: Callable[[Floats, Floats], Floats]) -> Floats:
 
 
 def roof(*normals: Floats, ridge: Floats | tuple[float, ...] = (0.0, 0.0, 0.0)) -> Floats:
-    """Taxels on the solid that planes through one point bound."""
+    """Taxels on a solid between planes through one point."""
 
     def height(x: Floats, y: Floats) -> Floats:
         planes = [(n[0] * (x - ridge[0]) + n[1] * (y - ridge[1])) / n[2] for n in normals]
@@ -42,7 +42,7 @@ def roof(*normals: Floats, ridge: Floats | tuple[float, ...] = (0.0, 0.0, 0.0)) 
     return taxels(height)
 
 
-def test_taxels_of_planes_are_face_edge_and_vertex():
+def test_planes_are_classified_as_face_edge_and_vertex():
     rng = np.random.default_rng(1)
     cases = [
         ("smooth", "F", [0.05], "flat both ways"),
@@ -57,28 +57,28 @@ def test_taxels_of_planes_are_face_edge_and_vertex():
             normals = [tilted(lean, one) for lean, one in zip(leans, azimuths, strict=True)]
             ridge, shift = np.append(rng.uniform(-1e-3, 1e-3, 2), 0), rng.uniform(-0.2, 0.2, 3)
             points = roof(*normals, ridge=ridge) @ pose.T + shift
-            found = feature_of_contact(kind, points, pose @ UP)
-            assert (found.feature.group, found.feature.place) == (group, None)
-            assert found.reason == reason and found.misfit < 1e-12
+            result = feature_of_contact(kind, points, pose @ UP)
+            assert (result.feature.group, result.feature.place) == (group, None)
+            assert result.reason == reason and result.misfit < 1e-12
             for normal in normals:
-                apart = np.linalg.norm(found.feature.normals - pose @ normal, axis=1)
+                apart = np.linalg.norm(result.feature.normals - pose @ normal, axis=1)
                 assert apart.min() < EXACT
-            away = found.feature.point - pose @ ridge - shift
+            away = result.feature.point - pose @ ridge - shift
             if group == "F":
                 assert abs(away @ pose @ normals[0]) < 1e-12
             elif group == "E":
                 along = pose @ np.cross(*normals) / np.linalg.norm(np.cross(*normals))
-                assert np.linalg.norm(np.cross(found.feature.direction, along)) < EXACT
+                assert np.linalg.norm(np.cross(result.feature.direction, along)) < EXACT
                 assert np.linalg.norm(np.cross(away, along)) < 1e-12 / np.sin(sum(leans))
             else:
                 assert np.linalg.norm(away) < 1e-12
 
 
-def test_taxels_of_a_cylinder_are_a_parabolic_point():
+def test_cylinder_is_classified_as_parabolic_point():
     radius = 0.012
     clean = taxels(lambda x, y: np.sqrt(radius**2 - x**2) - radius)
     for pose in POSES:
-        found = feature_of_contact(
+        result = feature_of_contact(
             "smooth",
             clean @ pose.T,
             pose @ UP,
@@ -86,9 +86,9 @@ def test_taxels_of_a_cylinder_are_a_parabolic_point():
             principal_error=(0.5, 0.5),
             principal_direction=pose[:, 0],
         ).feature
-        assert found.group == "P" and found.curvature == 1 / radius
-        assert np.linalg.norm(np.cross(found.direction, pose[:, 1])) < EXACT
-        x, _, z = found.point @ pose  # On the cylinder but for a polynomial's misfit
+        assert result.group == "P" and result.curvature == 1 / radius
+        assert np.linalg.norm(np.cross(result.direction, pose[:, 1])) < EXACT
+        x, _, z = result.point @ pose  # on the cylinder, up to a polynomial's misfit
         assert np.hypot(x, z + radius) == pytest.approx(radius, abs=2e-5)
 
 
@@ -111,7 +111,7 @@ FLAT = roof(UP)
 ROUGH = FLAT + 1e-6 * np.random.default_rng(4).normal(size=FLAT.shape)
 
 
-@pytest.mark.parametrize(("found", "words"), [
+@pytest.mark.parametrize(("reading", "words"), [
     (bulge(60.0, 50.0), "curved both ways, by 60 and 50 1/m"),
     (bulge(60.0, -50.0), "curved both ways"),
     (bulge(0.1, -40.0), "concave, by -40 1/m"),
@@ -122,19 +122,19 @@ ROUGH = FLAT + 1e-6 * np.random.default_rng(4).normal(size=FLAT.shape)
     (feature_of_contact("edge", ROUGH, UP, noise=1e-6), "the faces meet at 0.0"),
     (feature_of_contact("edge", WEDGE * [1, 1, -1], UP), "the edge is hollow: a cone is conv"),
     (feature_of_contact("edge", np.outer(np.arange(9.0), [1, 0, 0]), UP), "the touched points"),
-    # One row of a face
+    # one row of a face
     (feature_of_contact("edge", STEEP[STEEP[:, 0] > -1.5e-3], UP), "the touched points do not"),
     (feature_of_contact("corner", WEDGE[:3], UP), "the touched points span no plane"),
 ])  # fmt: skip
-def test_touches_without_a_feature_say_why(found: cones.ContactFeature, words: str):
-    assert found.feature is None and found.reason.startswith(words)
+def test_touch_without_feature_states_reason(reading: cones.ContactFeature, words: str):
+    assert reading.feature is None and reading.reason.startswith(words)
 
 
-def test_noise_does_not_make_features():
+def test_noise_is_not_classified_as_feature():
     assert bulge(20.0, -10.0, error=8.0, noise=5e-5).feature.group == "F"
-    found = feature_of_contact("corner", WEDGE, UP)
-    assert found.reason == "the point that stands out farthest"
-    assert found.feature.point[2] == WEDGE[:, 2].max()
+    result = feature_of_contact("corner", WEDGE, UP)
+    assert result.reason == "the point that stands out farthest"
+    assert result.feature.point[2] == WEDGE[:, 2].max()
     rng, errors = np.random.default_rng(3), []
     clean = roof(tilted(0.3, 0.0), tilted(0.4, np.pi))
     for _ in range(12):
@@ -167,6 +167,6 @@ def feature(**changes: object) -> Feature:
     (lambda: feature_of_contact("edge", FLAT, UP, noise=-1.0), "noise must be 0 or more and"),
     (lambda: feature_of_contact("edge", FLAT, 2 * UP), "normal must be of length 1"),
 ])  # fmt: skip
-def test_bad_input_is_refused(call: Callable[[], object], words: str):
+def test_invalid_input_raises(call: Callable[[], object], words: str):
     with pytest.raises(ValueError, match=words):
         call()

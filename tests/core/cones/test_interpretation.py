@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from palpate.core.cones import Feature, Interpretation, interpretations, row_of
 from tests.core.cones.drawing import cones, draw_cone, moved, noisy
 
-EXACT = 1e-9  # Of the cone's size, and [rad]
+EXACT = 1e-9  # fraction of the cone's size, and [rad]
 EDGES, FACES = ("E_B", "E_T", "E_m"), ("F_B", "F_S", "F_T")
 TRIPLES = sorted(
     {tuple(sorted((*pair, face))) for pair in multisets(EDGES, 2) for face in FACES}
@@ -22,7 +22,7 @@ TRIPLES = sorted(
 
 
 def adds_something(names: Sequence[str]) -> bool:
-    """No end is touched twice as a face, nor by a face and an edge that bounds it."""
+    """Whether no end has two faces, or a face and an edge that bounds it."""
     ends = Counter(name[-1] for name in names if name in ("F_T", "F_B"))
     bounds = {name[-1] for name in names if name[0] == "E"}
     return max(ends.values(), default=0) < 2 and not bounds & set(ends)
@@ -37,16 +37,16 @@ BETWEEN_ENDS = "every contact lies between the planes of the ends, the top above
 RIM_NORMAL = "one of the faces beside an edge of an end is that end"
 
 
-def named(found: Iterable[Interpretation], name: str) -> Interpretation:
-    (one,) = (two for two in found if two.name == name)
-    return one
+def named(assigned: Iterable[Interpretation], name: str) -> Interpretation:
+    (item,) = (item for item in assigned if item.name == name)
+    return item
 
 
-def standing(features: Sequence[Feature], **options: bool) -> set[str]:
-    return {one.name for one in interpretations(features, **options) if one.stands}
+def possible_names(features: Sequence[Feature], **options: bool) -> set[str]:
+    return {one.name for one in interpretations(features, **options) if one.is_possible}
 
 
-def test_one_rule_makes_twelve_and_eight_combinations():
+def test_tables_have_twelve_and_eight_combinations():
     assert [row_of(names) is not None for names in TRIPLES] == [*map(adds_something, TRIPLES)]
     assert Counter(row.table for row in ROWS) == {"1.3": 12, "1.4": 8}
     for row in ROWS:
@@ -57,12 +57,12 @@ def test_one_rule_makes_twelve_and_eight_combinations():
 
 
 @pytest.mark.parametrize("row", ROWS, ids=lambda row: row.combination)
-def test_each_row_stands_where_it_is_true(row):
+def test_row_is_possible_where_it_is_true(row):
     for number, cone in enumerate(cones()[:3]):
         touched = cone.features(row.features, place=False, normals=number != 1)
-        found = interpretations(touched)
-        truth = named(found, row.combination)
-        assert truth.refusals == () and truth.row == row
+        assigned = interpretations(touched)
+        truth = named(assigned, row.combination)
+        assert truth.violations == () and truth.row == row
         assert truth.redundancy == row.redundancy and truth.residual_sigma < EXACT
         if truth.orientation is not None:
             assert np.linalg.norm(truth.orientation.axis - cone.axis) < EXACT
@@ -73,130 +73,129 @@ def test_each_row_stands_where_it_is_true(row):
         assert (truth.orientation is not None) == (has_end or rims == 2)
         if number == 1:
             continue
-        stand = [one for one in found if one.stands]
-        if row.constraint == APEX_OFF_ENDS:  # A face through the apex is no end
-            assert not any("E_m" in one.name and "F_S" not in one.name for one in stand)
-            twin = named(found, row.combination.replace("F_S", "F_T", 1))
-            assert APEX_OFF_ENDS in twin.refusals
-        if row.constraint == MERIDIAN_SLOPES:  # An edge parallel to an end is no meridian
-            for one in found:
-                ends = [two for two in one.features if two.group == "F" and two.place != "S"]
-                lines = [two for two in one.features if two.place == "M"]
+        possible = [one for one in assigned if one.is_possible]
+        if row.constraint == APEX_OFF_ENDS:  # a face through the apex is no end
+            assert not any("E_m" in one.name and "F_S" not in one.name for one in possible)
+            twin = named(assigned, row.combination.replace("F_S", "F_T", 1))
+            assert APEX_OFF_ENDS in twin.violations
+        if row.constraint == MERIDIAN_SLOPES:  # an edge parallel to an end is no meridian
+            for item in assigned:
+                ends = [f for f in item.features if f.group == "F" and f.place != "S"]
+                lines = [f for f in item.features if f.place == "M"]
                 if any(abs(x.direction @ y.normals[0]) < EXACT for x in lines for y in ends):
-                    assert not one.stands
-                    assert one.residual_sigma >= 1.0 or MERIDIAN_SLOPES in one.refusals
-        if row.constraint == NOT_PARALLEL:  # Parallel faces are the ends
-            assert {one.row for one in stand if one.row} == {row}
+                    assert not item.is_possible
+                    assert item.residual_sigma >= 1.0 or MERIDIAN_SLOPES in item.violations
+        if row.constraint == NOT_PARALLEL:  # parallel faces are the ends
+            assert {one.row for one in possible if one.row} == {row}
             for name in ("E_m F_B F_S", "E_m F_S F_T"):
-                assert NOT_PARALLEL in named(found, name).refusals
+                assert NOT_PARALLEL in named(assigned, name).violations
 
 
-def test_all_places_are_tried_and_those_that_stand_come_first():
+def test_all_places_are_tried_and_possible_ones_come_first():
     touched = cones()[0].features(["F_B", "E_m", "E_T"], place=False)
-    found = interpretations(touched)
-    assert len(found) == 27
-    stands = [one.stands for one in found]
-    assert stands == sorted(stands, reverse=True)
-    for one in found:
-        assert one.residual_sigma <= 3.0 if one.stands else one.refusals
+    assigned = interpretations(touched)
+    assert len(assigned) == 27
+    possible = [item.is_possible for item in assigned]
+    assert possible == sorted(possible, reverse=True)
+    for item in assigned:
+        assert item.residual_sigma <= 3.0 if item.is_possible else item.violations
     turn, shift = Rotation.random(random_state=1).as_matrix(), np.array([0.1, -0.4, 0.2])
-    assert standing(moved(touched, turn, shift)) == standing(touched)
+    assert possible_names(moved(touched, turn, shift)) == possible_names(touched)
     known = cones()[0].features(["F_T", "E_m"]) + cones()[0].features(["E_B"], place=False)
-    found = interpretations(known)
-    assert [one.name[:7] for one in found] == ["F_T E_m"] * 3 and found[0].name == "F_T E_m E_B"
+    names = [item.name for item in interpretations(known)]
+    assert [name[:7] for name in names] == ["F_T E_m"] * 3 and names[0] == "F_T E_m E_B"
     vertex = Feature(group="V", point=np.zeros(3))
-    assert standing([vertex]) == {"V_T", "V_B"}
+    assert possible_names([vertex]) == {"V_T", "V_B"}
 
 
-def test_the_truth_stands_under_noise():
+def test_true_places_are_possible_under_noise():
     rng, names = np.random.default_rng(9), ["F_T", "E_m", "E_m", "F_S"]
     for cone in cones()[:4]:
-        found = interpretations(noisy(cone.features(names, place=False), rng))
-        truth = named(found, " ".join(names))
-        assert truth.stands, truth.refusals
+        assigned = interpretations(noisy(cone.features(names, place=False), rng))
+        truth = named(assigned, " ".join(names))
+        assert truth.is_possible, truth.violations
         assert math.acos(min(truth.orientation.axis @ cone.axis, 1.0)) < math.radians(5.0)
         assert np.linalg.norm(truth.origin.point - cone.apex) < 0.15 * cone.size
 
 
-def test_both_ends_and_meridians_have_one_interpretation():
+def test_end_and_meridians_have_one_interpretation():
     for cone in cones()[:2]:
         for names in (["F_B", "P_m", "E_m", "F_S"], ["F_T", "F_B", "E_m", "E_m"]):
-            assert standing(cone.features(names, place=False)) == {" ".join(names)}
-    found = named(interpretations(cones()[0].features(["F_T", "E_m", "P_m"])), "F_T E_m P_m")
-    assert found.stands and found.row.combination == "E_m E_m F_T"
-    found = named(interpretations(cones()[0].features(["F_T", "E_T", "E_m"])), "F_T E_T E_m")
-    assert found.stands and found.row is None
+            assert possible_names(cone.features(names, place=False)) == {" ".join(names)}
+    for names, row in ("F_T E_m P_m", row_of(["E_m", "E_m", "F_T"])), ("F_T E_T E_m", None):
+        item = named(interpretations(cones()[0].features(names.split())), names)
+        assert item.is_possible and item.row == row
 
 
-def refusals(*features: Feature) -> tuple[str, ...]:
-    """Of features whose places are known."""
-    return interpretations(features)[0].refusals
+def violations(*features: Feature) -> tuple[str, ...]:
+    """Violated constraints of features with known places."""
+    return interpretations(features)[0].violations
 
 
-def test_each_constraint_refuses_its_violation():
+def test_violated_constraints_are_reported():
     for cone in cones()[:5]:
         face, line, other = cone.features(["F_T", "E_m", "E_m"])
-        assert refusals(face, line, other) == ()
+        assert violations(face, line, other) == ()
         mirrored = replace(line, point=2.0 * cone.apex - line.point)
-        assert BELOW_APEX in refusals(face, mirrored, other)
+        assert BELOW_APEX in violations(face, mirrored, other)
         hollow = replace(face, normals=-face.normals)
-        assert "no contact lies outside a touched face" in refusals(hollow, line, other)
-        found = refusals(replace(face, place="B"), line, other)
+        assert "no contact lies outside a touched face" in violations(hollow, line, other)
+        upside_down = violations(replace(face, place="B"), line, other)
         outward = "a top face faces along the axis, and a bottom face against it"
-        assert outward in found or BELOW_APEX in found
+        assert outward in upside_down or BELOW_APEX in upside_down
         aside = replace(line, point=line.point + 0.03 * np.cross(line.direction, other.direction))
-        found = interpretations([face, aside, other])[0]
-        assert "the equations of these places hold within the noise" in found.refusals
-        assert found.residual_sigma > 3.0
+        item = interpretations([face, aside, other])[0]
+        assert "the equations of these places hold within the noise" in item.violations
+        assert item.residual_sigma > 3.0
         high = replace(line, point=cone.apex + 0.3 * cone.depths[0] * cone.ray(0.1))
         edges = cone.features(["E_T", "E_T"], normals=False)
-        assert BETWEEN_ENDS in refusals(*edges, cone.feature("V_B"), high)
-        assert BETWEEN_ENDS in refusals(face, replace(cone.feature("V_T"), place="B"))
-        assert refusals(*cone.features(["F_T", "V_B"])) == ()
+        assert BETWEEN_ENDS in violations(*edges, cone.feature("V_B"), high)
+        assert BETWEEN_ENDS in violations(face, replace(cone.feature("V_T"), place="B"))
+        assert violations(*cone.features(["F_T", "V_B"])) == ()
 
 
-def test_rims_are_beside_their_end_and_support_the_body():
+def test_rims_bound_their_end_and_support_body():
     for cone in cones()[:5]:
         edge, bottom = cone.feature("E_T"), cone.feature("F_B")
         tilted = edge.normals.sum(axis=0) / np.linalg.norm(edge.normals.sum(axis=0))
         wrong = replace(edge, normals=np.stack([tilted, edge.normals[1]]))
-        assert RIM_NORMAL not in refusals(bottom, edge)
-        assert RIM_NORMAL in refusals(bottom, wrong)
+        assert RIM_NORMAL not in violations(bottom, edge)
+        assert RIM_NORMAL in violations(bottom, wrong)
         face, *lines = cone.features(["F_T", "E_m", "E_m", "P_m"])
         bare = cone.feature("E_T", normals=False)
-        assert refusals(face, *lines, bare) == ()
+        assert violations(face, *lines, bare) == ()
         inner = cone.apex + cone.depths[0] * cone.rotation @ [*cone.middle, -1.0]
         radial = cone.feature("V_T", 0).point - cone.feature("V_T", 2).point
         across = replace(bare, point=inner, direction=radial / np.linalg.norm(radial))
         lines = [cone.feature("P_m", 0), cone.feature("E_m", 0), cone.feature("E_m", 1)]
         supports = "the body lies on one side of the plane through the apex and an edge of an end"
-        assert supports in refusals(face, *lines, across)
+        assert supports in violations(face, *lines, across)
 
 
-def test_a_section_may_lie_beside_the_axis():
+def test_section_may_lie_beside_axis():
     rng, held, words = np.random.default_rng(12), [], "a side face looks away from the axis and up"
     for _ in range(6):
         cone = draw_cone(rng, beside=1.5)
         touched = cone.features(["F_T", "E_m", "E_m", "F_S", "F_S", "F_S"])
-        assert interpretations(touched)[0].stands
-        found = interpretations(touched, section_holds_axis=True)[0]
-        assert all(one.startswith(words) for one in found.refusals)
+        assert interpretations(touched)[0].is_possible
+        item = interpretations(touched, section_holds_axis=True)[0]
+        assert all(one.startswith(words) for one in item.violations)
         upward = all(one.normals[0] @ cone.axis > 0.0 for one in touched if one.place == "S")
-        assert found.stands or not upward
-        held.append(found.stands)
+        assert item.is_possible or not upward
+        held.append(item.is_possible)
     assert not all(held)
     for cone in cones()[:3]:
         touched = cone.features(["F_T", "F_S", "E_B"], place=False)
-        assert {"F_T F_S E_B", "F_B F_S E_T"} <= standing(touched)
-        names = standing(touched, section_holds_axis=True)
+        assert {"F_T F_S E_B", "F_B F_S E_T"} <= possible_names(touched)
+        names = possible_names(touched, section_holds_axis=True)
         assert "F_B F_S E_T" not in names and "F_T F_S E_B" in names
 
 
-def test_an_uncertain_apex_refuses_nothing():
-    for cone in cones():  # The meridian is next to the face
+def test_uncertain_apex_violates_nothing():
+    for cone in cones():  # the meridian is next to the face
         touched = [cone.feature("F_S", 1), cone.feature("E_m", 1), cone.feature("F_T")]
-        assert refusals(*touched) == ()
-    # Two sides of a wedge about z that meet in the y axis: the apex is free along a level line.
+        assert violations(*touched) == ()
+    # Two sides of a wedge about z meet in the y axis: the apex is free along a level line.
     c, s, sides = math.cos(0.3), math.sin(0.3), []
     for sign in (1.0, -1.0):
         normal, down = np.array([sign * c, 0.0, s]), np.array([sign * s, 0.0, -c])
@@ -208,8 +207,8 @@ def test_an_uncertain_apex_refuses_nothing():
         direction=np.array([0.0, 1.0, 0.0]),
         normals=np.array([[0.0, 0.0, 1.0], [c, 0.0, s]]),
     )
-    found = interpretations([*sides, edge])[0]
-    assert found.refusals == () and found.origin is None
+    item = interpretations([*sides, edge])[0]
+    assert item.violations == () and item.origin is None
 
 
 @pytest.mark.parametrize(("times", "options", "words"), [
@@ -219,6 +218,6 @@ def test_an_uncertain_apex_refuses_nothing():
     (1, {"angle_noise": -1.0}, "angle_noise must be positive"),
     (1, {"position_noise": math.inf}, "position_noise must be positive"),
 ])  # fmt: skip
-def test_bad_input_is_refused(times: int, options: dict, words: str):
+def test_invalid_input_raises(times: int, options: dict, words: str):
     with pytest.raises(ValueError, match=words):
         interpretations(cones()[0].features(["F_T", "E_m"]) * times, **options)

@@ -1,4 +1,4 @@
-"""Laws of the axis and the apex that contact features of a cone give."""
+"""Laws of the axis and the apex of a cone from its contact features."""
 
 import math
 from dataclasses import replace
@@ -14,7 +14,7 @@ from tests.core.cones import drawing
 from tests.core.cones.drawing import Cone
 
 NAMES = ("F_T", "F_B", "E_T", "E_T", "E_B", "V_T", "V_B", "P_m", "P_m", "E_m", "E_m", "F_S", "F_S")
-EXACT = 1e-9  # Of the cone's size, and [rad]
+EXACT = 1e-9  # fraction of the cone's size, and [rad]
 AXIS, APEX = cones.solve_orientation, cones.solve_origin
 
 
@@ -23,17 +23,17 @@ AXIS, APEX = cones.solve_orientation, cones.solve_origin
     [
         ("F_T", 0), ("F_B", 0), ("E_T E_T", 1), ("E_B E_B", 1), ("E_B E_T", 0),
         ("V_T V_T V_T", 0), ("V_B V_B V_B", 0), ("E_T V_T", 0), ("E_B V_B", 0),
-        # Faces 2 each, edges 1, points of top 4 and bottom 3 less one offset each; less 2.
+        # 2 for each face, 1 for each edge, 4 - 1 and 3 - 1 for points of top and bottom; less 2.
         (" ".join(NAMES), 10),
     ],
 )  # fmt: skip
-def test_features_of_ends_give_the_axis(names: str, redundancy: int):
+def test_features_of_ends_determine_axis(names: str, redundancy: int):
     for cone in drawing.cones():
-        found = cones.solve_orientation(cone.features(names.split()))
-        assert found.sense_known == (names not in ("V_T V_T V_T", "V_B V_B V_B"))
-        sign = 1.0 if found.sense_known else np.sign(found.axis @ cone.axis)
-        assert np.linalg.norm(sign * found.axis - cone.axis) < EXACT
-        assert found.redundancy == redundancy and found.residual_sigma < EXACT
+        fit = cones.solve_orientation(cone.features(names.split()))
+        assert fit.sense_known == (names not in ("V_T V_T V_T", "V_B V_B V_B"))
+        sign = 1.0 if fit.sense_known else np.sign(fit.axis @ cone.axis)
+        assert np.linalg.norm(sign * fit.axis - cone.axis) < EXACT
+        assert fit.redundancy == redundancy and fit.residual_sigma < EXACT
 
 
 @pytest.mark.parametrize(
@@ -41,51 +41,51 @@ def test_features_of_ends_give_the_axis(names: str, redundancy: int):
     [
         ("P_m P_m", 1), ("E_m E_m", 1), ("E_m P_m", 1), ("E_m F_S", 0), ("F_S P_m", 0),
         ("F_S F_S F_S", 0),
-        (" ".join(NAMES), 7),  # Lines 2 each, faces 1; less 3
+        (" ".join(NAMES), 7),  # 2 for each line, 1 for each face; less 3
     ],
 )  # fmt: skip
-def test_features_of_sides_give_the_apex(names: str, redundancy: int):
+def test_features_of_sides_determine_apex(names: str, redundancy: int):
     for cone in drawing.cones():
-        found = cones.solve_origin(cone.features(names.split()))
-        assert np.linalg.norm(found.point - cone.apex) < EXACT * cone.size
-        assert found.redundancy == redundancy and found.residual_sigma < EXACT
+        fit = cones.solve_origin(cone.features(names.split()))
+        assert np.linalg.norm(fit.point - cone.apex) < EXACT * cone.size
+        assert fit.redundancy == redundancy and fit.residual_sigma < EXACT
 
 
 @pytest.mark.parametrize("names", ["V_T V_T V_T E_m", "V_B V_B V_B P_m", "V_B V_B E_T"])
-def test_features_elsewhere_give_the_sense_of_the_axis(names: str):
+def test_other_features_determine_sense_of_axis(names: str):
     for cone in drawing.cones():
-        found = cones.solve_orientation(cone.features(names.split(), normals=False))
-        assert found.sense_known and np.linalg.norm(found.axis - cone.axis) < EXACT
+        fit = cones.solve_orientation(cone.features(names.split(), normals=False))
+        assert fit.sense_known and np.linalg.norm(fit.axis - cone.axis) < EXACT
         edge = cone.feature("E_T", 0)
         beside = replace(edge, point=cone.feature("V_T", 1).point)  # parallel edges span the plane
         assert np.linalg.norm(cones.solve_orientation([edge, beside]).axis - cone.axis) < EXACT
 
 
-def test_the_rotation_follows_its_angles():
+def test_rotation_follows_angles():
     for cone in drawing.cones():
-        found = cones.solve_orientation(cone.features(["F_T"]))
-        wanted = Rotation.from_euler("ZY", [found.phi, found.psi]).as_matrix()
-        assert np.allclose(found.rotation, wanted, rtol=0, atol=1e-14)
-        assert np.allclose(found.rotation[:, 2], cone.axis, rtol=0, atol=1e-14)
-        x, y, z = found.axis
+        fit = cones.solve_orientation(cone.features(["F_T"]))
+        wanted = Rotation.from_euler("ZY", [fit.phi, fit.psi]).as_matrix()
+        assert np.allclose(fit.rotation, wanted, rtol=0, atol=1e-14)
+        assert np.allclose(fit.rotation[:, 2], cone.axis, rtol=0, atol=1e-14)
+        x, y, z = fit.axis
         level = math.hypot(x, y)
         by_phi = np.array([-y, x, 0.0]) / level**2
         by_psi = np.array([x * z, y * z, -(level**2)]) / level
         slopes = np.stack([by_phi, by_psi])
-        wanted = slopes @ found.covariance @ slopes.T
-        assert np.allclose(found.angle_covariance, wanted, rtol=1e-9, atol=1e-12)
+        wanted = slopes @ fit.covariance @ slopes.T
+        assert np.allclose(fit.angle_covariance, wanted, rtol=1e-9, atol=1e-12)
     face = Feature(group="F", place="T", point=np.zeros(3), normals=np.array([[0.0, 0.0, 1.0]]))
     upright = cones.solve_orientation([face])
     assert upright.psi == 0.0 and upright.angle_covariance[0, 0] == math.inf
     assert upright.angle_covariance[1, 1] == pytest.approx(drawing.ANGLE**2)
 
 
-def test_fits_move_with_the_features():
+def test_fit_moves_with_features():
     touched = drawing.noisy(drawing.cones()[0].features(NAMES), np.random.default_rng(4))
     axis, apex = cones.solve_orientation(touched), cones.solve_origin(touched)
     turn, shift = Rotation.random(random_state=5).as_matrix(), np.array([0.3, -0.1, 0.7])
     moved = drawing.moved(touched, turn, shift)
-    opposed = [  # The sign of a direction means nothing
+    opposed = [  # directions have either sign
         one if one.direction is None else replace(one, direction=-one.direction) for one in moved
     ]
     for features in (moved, opposed, moved[::-1]):
@@ -99,23 +99,23 @@ def test_fits_move_with_the_features():
     assert (np.linalg.eigvalsh(few - all_) > -1e-12).all()
 
 
-def test_meridians_give_radii_up_to_scale():
+def test_meridians_determine_scaled_radii():
     for cone in drawing.cones():
         touched = cone.features(NAMES)
         axis, apex = cones.solve_orientation(touched), cones.solve_origin(touched)
-        found = cones.scaled_radii(touched, axis, apex)
-        for one, feature in zip(found, [x for x in touched if x.place == "M"], strict=True):
-            level = np.array([math.cos(one.azimuth), math.sin(one.azimuth)])
-            ray = axis.rotation @ np.append(one.radius * level, -1.0)
+        radii = cones.scaled_radii(touched, axis, apex)
+        for radius, feature in zip(radii, [x for x in touched if x.place == "M"], strict=True):
+            level = np.array([math.cos(radius.azimuth), math.sin(radius.azimuth)])
+            ray = axis.rotation @ np.append(radius.radius * level, -1.0)
             ray = ray / np.linalg.norm(ray)
             assert abs(ray @ feature.direction) == pytest.approx(1.0, rel=0, abs=EXACT)
-            assert one.half_angle == pytest.approx(math.acos(-ray @ axis.axis))
+            assert radius.half_angle == pytest.approx(math.acos(-ray @ axis.axis))
 
 
 @pytest.mark.parametrize(
     "names", ["F_T E_m E_m", "E_T E_B F_S P_m", "V_B V_B V_B F_S F_S F_S", " ".join(NAMES)]
 )
-def test_errors_have_the_covariance_that_is_reported(names: str):
+def test_errors_have_stated_covariance(names: str):
     rng, trials = np.random.default_rng(11), 100
     touched = drawing.cones()[1].features(names.split())
     exact = cones.solve_orientation(touched), cones.solve_origin(touched)
@@ -143,7 +143,7 @@ def shifted(feature: Feature, along: Floats) -> Feature:
 
 
 def degenerate(cone: Cone) -> dict[str, list[Feature]]:
-    """Features that leave the axis or the apex free, by the reason."""
+    """Reasons, with features that for this reason leave the axis or the apex free."""
     edge, rim, vertex = cone.feature("E_T"), cone.feature("E_B"), cone.feature("V_T")
     line, other, face = cone.feature("E_m"), cone.feature("P_m"), cone.feature("F_S")
     ray = cone.chord(0)[0]
@@ -154,7 +154,7 @@ def degenerate(cone: Cone) -> dict[str, list[Feature]]:
     return {
         "the edges of top and bottom are parallel": [edge, replace(rim, direction=edge.direction)],
         "the edges lie on one line": [rim, shifted(rim, 0.01 * rim.direction)],
-        "what was touched of the ends lies along one direction": row,
+        "the touched features of the ends lie along one direction": row,
         "the vertices lie on the line of the edge": [edge, on_edge],
         "the meridians are parallel": [line, replace(other, direction=line.direction)],
         "the meridians are collinear": [line, shifted(line, 0.02 * line.direction)],
@@ -175,14 +175,14 @@ def degenerate(cone: Cone) -> dict[str, list[Feature]]:
     (APEX, "F_S F_S", "the apex is free: it may be anywhere on a plane"),
     *((APEX, None, words) for words in list(degenerate(drawing.cones()[0]))[4:]),
 ])  # fmt: skip
-def test_insufficient_features_are_refused_with_the_reason(solve, names: str | None, words: str):
+def test_insufficient_features_raise_with_reason(solve, names: str | None, words: str):
     for cone in drawing.cones():
         features = cone.features(names.split()) if names else degenerate(cone)[words]
         with pytest.raises(cones.InsufficientFeaturesError, match=words):
             solve(features)
 
 
-def test_nearly_degenerate_features_are_refused_by_their_noise():
+def test_nearly_degenerate_features_raise_under_noise():
     cone = drawing.cones()[2]
     first, second = cone.feature("E_T"), cone.feature("E_B")
     turn = Rotation.from_rotvec(math.radians(2.0) * cone.axis)
@@ -199,7 +199,7 @@ def test_nearly_degenerate_features_are_refused_by_their_noise():
     (cones.solve_orientation, {"angle_noise": 0.0}, "angle_noise must be positive and finite"),
     (cones.solve_origin, {"position_noise": math.nan}, "position_noise must be positive and"),
 ])  # fmt: skip
-def test_bad_input_is_refused(solve, options: dict, words: str):
+def test_invalid_input_raises(solve, options: dict, words: str):
     place = options.pop("place", True)
     with pytest.raises(ValueError, match=words):
         solve(drawing.cones()[0].features(["F_T", "E_m"], place=place), **options)

@@ -1,4 +1,4 @@
-"""A finger and a hand in this process, for procedures, and the solids that they are tried on."""
+"""A simulated finger and hand for procedures, and the solids on which these are tested."""
 
 from collections.abc import Sequence
 from functools import cache
@@ -22,16 +22,16 @@ from palpate.core.touch import (
 )
 from palpate.nodes.specs.sensors import SensorSpec, build_pipeline
 
-# A place that is off by 0.1 mm along each axis, taxels by 10 um.
+# Standard deviations: 0.1 mm of a position along each axis, 10 um of a taxel.
 NOISES: dict[str, dict[str, Any]] = {
     "exact": {},
     "noise": {"pose_error": {"sigma": 1e-4}, "gaussian_noise": {"sigma": 1e-5}},
 }
-FAR = Pose(np.array([1.0, 0.0, 0.046]), np.eye(3))  # a pose out of reach
+FAR = Pose(np.array([1.0, 0.0, 0.046]), np.eye(3))  # out of reach
 
 
 class Driven(NamedTuple):
-    """What a procedure came to."""
+    """Findings of a procedure, and the touches that it made."""
 
     findings: procedures.Findings
     touches: int
@@ -42,42 +42,42 @@ def drive(
     name: str, shape: shapes.Shape, noise: str = "exact", *, fingers: int = 1, seed: int = 0,
     **settings: Any,
 ) -> Driven:  # fmt: skip
-    """Perform the moves of a procedure on a shape until it returns; none enters the platform."""
+    """Perform the moves of a procedure on a shape until it returns, none into the platform."""
     robot, effects = ROBOT_PRESETS["modern"], NOISES[noise]
     tips = [build_pipeline(SensorSpec(), effects, robot, n + 1, seed) for n in range(fingers)]
     palm = [build_pipeline(SensorSpec(), effects, robot, 1001 + n, seed) for n in range(6)]
-    states, held = [tip.begin() for tip in tips], tuple(one.begin() for one in palm)
+    states, held = [tip.begin() for tip in tips], tuple(part.begin() for part in palm)
     platform = float(shape.bounds()[0, 2])
-    setting = procedures.TouchSetting(tips[0].finger.pad, tips[0].noise, platform, 0.12, fingers)
-    running, met, touches = procedures.procedure_of(name, settings)(setting), None, 0
+    setup = procedures.TouchSetup(tips[0].finger.pad, tips[0].noise, platform, 0.12, fingers)
+    running, result, touches = procedures.procedure_of(name, settings)(setup), None, 0
     for closings in range(1500):
         try:
-            move = next(running) if met is None else running.send(met)
+            move = next(running) if result is None else running.send(result)
         except StopIteration as end:
             return Driven(end.value, touches)
         if isinstance(move, procedures.HandMove):
             when = Closing(closings, 0.0, 0.0)
             grasp, held = close_hand(shape, palm, held, move.hand, move.pose, platform, when)
-            met = procedures.HandContacts(
+            result = procedures.HandContacts(
                 grasp.points, grasp.normals, np.array(grasp.fingers, np.int32), 0.0
             )
             continue
         contacts = []
-        for number, one in enumerate(move):
-            axis = one.pose.axes[:, 2]
-            assert one.pose.position[2] + min(one.reach * axis[2], 0.0) > platform - 1e-9
-            assert one.reach > 0.0
-            states[number], contact = touched(tips[number], states[number], shape, one, touches)
+        for number, goal in enumerate(move):
+            axis = goal.pose.axes[:, 2]
+            assert goal.pose.position[2] + min(goal.reach * axis[2], 0.0) > platform - 1e-9
+            assert goal.reach > 0.0
+            states[number], contact = touched(tips[number], states[number], shape, goal, touches)
             contacts.append(contact)
             touches += 1
-        met = tuple(contacts)
+        result = tuple(contacts)
     raise AssertionError("no end after 1500 moves")
 
 
 def touched(
     tip: Pipeline, state: Any, shape: shapes.Shape, move: procedures.FingerMove, number: int
 ) -> tuple[Any, procedures.Contact]:
-    """One touch, and what filter and curvature estimator make of it."""
+    """One touch, with the results of filter and curvature estimator."""
     times = {"begun": float(number), "previous": float(number) - 1.0}
     made = SimulatedTouch(shape, number, move.pose, move.pose, move.reach, move.depth, **times)
     state = tip.simulate(made, state)

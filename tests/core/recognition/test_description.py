@@ -1,4 +1,4 @@
-"""Laws of the description of a closed surface, and of how it scatters over noisy copies."""
+"""Laws of the description of a closed surface, and of its scatter over noisy copies."""
 
 from functools import cache
 
@@ -11,8 +11,8 @@ from palpate.core.geometry import nearest_points, nearest_search, signed_volume,
 from palpate.core.poses import Pose
 from palpate.core.recognition import (
     FEATURES,
-    LEARNED_NOISE,
     Description,
+    ScatterSettings,
     describe,
     feature_vector,
     learn_scatter,
@@ -27,7 +27,7 @@ def superquadric(*size: float, exponents: tuple[float, float] = (1.0, 1.0)) -> s
 
 
 def bored(outer: tuple, hole: tuple, height: float) -> shapes.BooleanShape:
-    """An upright cylinder less another one, whose middle is so much higher."""
+    """An upright cylinder without another one, whose middle is higher by `height`."""
     parts = [
         shapes.PosedSolid(
             superquadric(*size, exponents=(0.1, 1.0)), Pose(np.array([0.0, 0.0, z]), np.eye(3))
@@ -66,55 +66,55 @@ def described(name: str, level: int = 3) -> Description:
 
 
 def still(mesh: shapes.Mesh, longest: float, seed: int = 0, noise: float = 0.0) -> shapes.Mesh:
-    """A copy with edges no longer than this, turned at random, without noise unless given."""
+    """A copy with edges of at most `longest`, in a random pose."""
     return noisy_copy(mesh, np.random.default_rng(seed), noise, (longest, longest))
 
 
-def test_a_box_has_the_measures_of_a_box():
-    found = described("box", 5)
+def test_box_has_true_measures():
+    description = described("box", 5)
     areas = np.repeat([6.3e-3, 4.5e-3, 3.5e-3], 2)
-    assert found.faces.areas == pytest.approx(areas, rel=0.2)  # its edges are round
-    assert (found.faces.certainty > 0.99).all()
-    cosines = np.clip(found.faces.normals @ found.faces.normals.T, -1.0, 1.0)
+    assert description.faces.areas == pytest.approx(areas, rel=0.2)  # its edges are round
+    assert (description.faces.certainty > 0.99).all()
+    cosines = np.clip(description.faces.normals @ description.faces.normals.T, -1.0, 1.0)
     angles = np.sort(np.degrees(np.arccos(cosines[np.triu_indices(6, 1)])))
     assert angles == pytest.approx([90.0] * 12 + [180.0] * 3, abs=0.5)
-    assert found.fitted.size == pytest.approx([0.045, 0.035, 0.025], rel=1e-3)
-    assert found.fitted.exponents == pytest.approx([0.1, 0.1], abs=0.01)
-    assert (found.voids.holes, len(found.voids.pockets)) == (0, 0)
-    assert found.sections.areas == pytest.approx(np.full(7, 6.3e-3 * 0.994), rel=0.02)
+    assert description.fitted.size == pytest.approx([0.045, 0.035, 0.025], rel=1e-3)
+    assert description.fitted.exponents == pytest.approx([0.1, 0.1], abs=0.01)
+    assert (description.voids.holes, len(description.voids.pockets)) == (0, 0)
+    assert description.sections.areas == pytest.approx(np.full(7, 6.3e-3 * 0.994), rel=0.02)
     sides = np.array([0.09, 0.07, 0.05])
-    assert found.whole.gyration == pytest.approx(sides / np.sqrt(12), rel=0.02)
-    assert found.whole.facing == pytest.approx(np.array([6.3, 4.5, 3.5]) / 14.3, rel=0.05)
+    assert description.whole.gyration == pytest.approx(sides / np.sqrt(12), rel=0.02)
+    assert description.whole.facing == pytest.approx(np.array([6.3, 4.5, 3.5]) / 14.3, rel=0.05)
 
 
-def test_a_ball_has_no_face_and_discs_for_sections():
-    found = described("ball", 5)
-    assert len(found.faces.areas) == 0
-    assert found.faces.round_area == pytest.approx(found.whole.area)
-    assert found.whole.volume == pytest.approx(4.0 / 3.0 * np.pi * 0.04**3, rel=2e-3)
-    assert found.whole.area == pytest.approx(4.0 * np.pi * 0.04**2, rel=2e-3)
-    assert found.whole.gyration == pytest.approx(np.full(3, 0.04 / np.sqrt(5.0)), rel=1e-3)
-    assert found.whole.widths == pytest.approx(np.full(3, 0.08), rel=2e-3)
-    assert found.whole.facing == pytest.approx(np.full(3, 1 / 3), rel=1e-2)
-    assert found.whole.skew == pytest.approx(0.0, abs=1e-6)
-    assert found.sections.compactness == pytest.approx(np.ones(7), abs=1e-3)
+def test_ball_has_round_sections_and_no_face():
+    description = described("ball", 5)
+    assert len(description.faces.areas) == 0
+    assert description.faces.round_area == pytest.approx(description.whole.area)
+    assert description.whole.volume == pytest.approx(4.0 / 3.0 * np.pi * 0.04**3, rel=2e-3)
+    assert description.whole.area == pytest.approx(4.0 * np.pi * 0.04**2, rel=2e-3)
+    assert description.whole.gyration == pytest.approx(np.full(3, 0.04 / np.sqrt(5.0)), rel=1e-3)
+    assert description.whole.widths == pytest.approx(np.full(3, 0.08), rel=2e-3)
+    assert description.whole.facing == pytest.approx(np.full(3, 1 / 3), rel=1e-2)
+    assert description.whole.skew == pytest.approx(0.0, abs=1e-6)
+    assert description.sections.compactness == pytest.approx(np.ones(7), abs=1e-3)
     heights = (np.arange(7) + 0.5) * 2.0 / 7.0 - 1.0
     areas = np.pi * 0.04**2 * (1.0 - heights**2)
-    assert found.sections.areas == pytest.approx(areas, rel=5e-3)
+    assert description.sections.areas == pytest.approx(areas, rel=5e-3)
     moments = np.repeat(areas[:, None] ** 2 / (4 * np.pi), 2, axis=1)
-    assert found.sections.moments == pytest.approx(moments, rel=1e-2)
-    assert found.fitted.residual < 1e-5
+    assert description.sections.moments == pytest.approx(moments, rel=1e-2)
+    assert description.fitted.residual < 1e-5
 
 
 def test_holes_and_pockets_are_distinguished():
     assert (described("tube").voids.holes, described("cup").voids.holes) == (1, 0)
     for name, radius, length in (("tube", 0.018, 0.08), ("cup", 0.035, 0.092)):
-        found = described(name)
-        (pocket,) = found.voids.pockets
+        description = described(name)
+        (pocket,) = description.voids.pockets
         assert pocket == pytest.approx(np.pi * radius**2 * length, rel=0.1)
-        full = found.whole.volume / (1.0 - found.voids.share)
-        assert found.voids.share == pytest.approx(pocket / full, abs=0.02)
-        assert found.voids.certain == 1.0
+        full = description.whole.volume / (1.0 - description.voids.share)
+        assert description.voids.share == pytest.approx(pocket / full, abs=0.02)
+        assert description.voids.certain == 1.0
     outer, inner = mesh_of("egg"), superquadric(0.012, 0.012, 0.012).mesh(3)
     vertices = np.concatenate([outer.vertices, inner.vertices])
     faces = np.concatenate([outer.faces, inner.faces[:, ::-1] + len(outer.vertices)])
@@ -125,7 +125,7 @@ def test_holes_and_pockets_are_distinguished():
 
 
 @pytest.mark.parametrize("name", ["egg", "box", "tube", "cup"])
-def test_descriptions_are_the_same_in_any_pose(name: str):
+def test_description_does_not_depend_on_pose(name: str):
     mesh, first = mesh_of(name), feature_vector(described(name))
     assert np.array_equal(feature_vector(describe(*mesh)), first)  # to the last bit
     rng = np.random.default_rng(0)
@@ -140,17 +140,17 @@ def test_descriptions_are_the_same_in_any_pose(name: str):
         assert other[i] == pytest.approx(first[i], abs=limit), feature
 
 
-def test_sizes_follow_the_scale_and_shares_do_not():
+def test_only_sizes_depend_on_scale():
     mesh, small = mesh_of("egg"), feature_vector(described("egg"))
     large = feature_vector(describe(1.2 * mesh.vertices, mesh.faces))
     powers = {"log volume": 3.0, "log area": 2.0, "log length": 1.0}
-    for one, before, after in zip(FEATURES, small, large, strict=True):
-        grown = powers.get(one.kind, 0.0) * np.log(1.2)
-        limit = 0.02 if one.kind in powers else 0.1
-        assert after - before == pytest.approx(grown, abs=limit), one.name
+    for feature, before, after in zip(FEATURES, small, large, strict=True):
+        growth = powers.get(feature.kind, 0.0) * np.log(1.2)
+        limit = 0.02 if feature.kind in powers else 0.1
+        assert after - before == pytest.approx(growth, abs=limit), feature.name
 
 
-def test_mirror_images_have_the_same_sizes():
+def test_mirror_images_have_equal_sizes():
     mesh, here = mesh_of("horn"), feature_vector(described("horn"))
     there = feature_vector(describe(mesh.vertices * [1.0, 1.0, -1.0], mesh.faces[:, ::-1]))
     sizes = [i for i, one in enumerate(FEATURES) if one.kind.startswith("log")]
@@ -159,7 +159,7 @@ def test_mirror_images_have_the_same_sizes():
 
 
 @pytest.mark.parametrize("name", ["egg", pytest.param("cup", marks=pytest.mark.slow)])
-def test_noise_of_tenths_of_a_millimetre_moves_little(name: str):
+def test_noise_of_tenths_of_millimetre_changes_little(name: str):
     plain, noisy = (describe(*still(mesh_of(name), 3.3e-3, 7, noise)) for noise in (0.0, 2e-4))
     assert noisy.whole.volume == pytest.approx(plain.whole.volume, rel=0.02)
     assert noisy.whole.gyration == pytest.approx(plain.whole.gyration, rel=0.01)
@@ -178,29 +178,29 @@ OCTAHEDRON = shapes.Mesh(
 @pytest.mark.parametrize(
     ("stretch", "longest"), [(1.0, 0.02), (1.0, 0.0093), ([3.0, 1.0, 0.2], 0.006)]
 )
-def test_a_finer_copy_is_the_same_surface(stretch: list[float] | float, longest: float):
-    given = shapes.Mesh(OCTAHEDRON.vertices * stretch, OCTAHEDRON.faces)
-    fine, before = still(given, longest), solidity(*given)
-    found = solidity(*fine)
-    assert (found.watertight, found.genus) == (True, 0)
-    assert found.volume == pytest.approx(before.volume, rel=1e-12)
+def test_refined_copy_has_same_surface(stretch: list[float] | float, longest: float):
+    coarse = shapes.Mesh(OCTAHEDRON.vertices * stretch, OCTAHEDRON.faces)
+    fine, before = still(coarse, longest), solidity(*coarse)
+    after = solidity(*fine)
+    assert (after.watertight, after.genus) == (True, 0)
+    assert after.volume == pytest.approx(before.volume, rel=1e-12)
     edges = fine.vertices[fine.faces] - fine.vertices[np.roll(fine.faces, -1, axis=1)]
     assert np.linalg.norm(edges, axis=2).max() <= longest
-    corners = fine.vertices[: len(given.vertices)][given.faces]  # given vertices come first
+    corners = fine.vertices[: len(coarse.vertices)][coarse.faces]  # old vertices come first
     assert nearest_points(nearest_search(corners), fine.vertices).distances.max() < 1e-15
 
 
-def test_a_noisy_copy_is_near_its_surface_and_repeatable():
+def test_noisy_copy_is_near_surface_and_repeatable():
     copy, again = (noisy_copy(mesh_of("ball"), np.random.default_rng(3)) for _ in range(2))
     assert np.array_equal(copy.vertices, again.vertices)
     middle = copy.vertices.mean(axis=0)
     off = np.linalg.norm(copy.vertices - middle, axis=1) - 0.04
-    assert off.std() == pytest.approx(LEARNED_NOISE, rel=0.35)
+    assert off.std() == pytest.approx(ScatterSettings().noise, rel=0.35)
     assert np.linalg.norm(middle) > 0.01 and solidity(*copy).watertight
 
 
 @pytest.mark.parametrize("repeated", [False, pytest.param(True, marks=pytest.mark.slow)])
-def test_learned_scatter_is_repeatable_and_follows_the_surface(repeated: bool):
+def test_learned_scatter_is_repeatable_with_true_slopes(repeated: bool):
     meshes = [superquadric(0.015, 0.015, 0.015).mesh(level) for level in (2, 3)]
     learned = learn_scatter(meshes, 2, seed=5)
     assert learned.vectors.shape == (2, len(FEATURES))
@@ -226,6 +226,6 @@ def egg(vertices: Floats | float = 1.0, skip: int = 0, step: int = 1, name: int 
     (lambda: egg(np.array([1.0, 1.0, 0.0])), "must enclose a volume"),
     (lambda: describe(np.zeros((9, 2)), [[0, 1, 2]]), "vertices must have shape"),
 ])  # fmt: skip
-def test_surfaces_without_a_solid_are_refused(call, words: str):
+def test_surface_without_volume_raises(call, words: str):
     with pytest.raises(ValueError, match=words):
         call()

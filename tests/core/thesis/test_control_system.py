@@ -1,4 +1,4 @@
-"""Laws of (4.25): solved where points determine the control points, refused where they do not."""
+"""Laws of (4.25): solved where points determine the control points, else refused."""
 
 import numpy as np
 import pytest
@@ -8,23 +8,24 @@ from palpate.core.thesis import rebuild_thesis, solve_control_points
 from tests.core.thesis.contours import vase
 
 SHAPE = (4, 5, 6)
-rng = np.random.default_rng(3)
 
 
-def deformed() -> SplineVolume:
+def deformed(rng: np.random.Generator) -> SplineVolume:
     bases = tuple(clamped_basis(count) for count in SHAPE)
     return SplineVolume(rng.normal(size=(*SHAPE, 3)), bases)
 
 
-def test_points_within_a_lattice_give_it_back():
-    volume, triples = deformed(), rng.random((2000, 3))
-    found = solve_control_points(volume.at(triples), triples, SHAPE)
-    assert np.allclose(found.volume.control, volume.control, rtol=0, atol=1e-14 * found.condition)
-    assert found.condition < 1e5 and found.rms < 1e-12
+def test_points_inside_lattice_recover_control_points():
+    rng = np.random.default_rng(3)
+    volume, triples = deformed(rng), rng.random((2000, 3))
+    fit = solve_control_points(volume.at(triples), triples, SHAPE)
+    assert np.allclose(fit.volume.control, volume.control, rtol=0, atol=1e-14 * fit.condition)
+    assert fit.condition < 1e5 and fit.rms < 1e-12
 
 
-def test_noise_is_spread_by_no_more_than_the_condition():
-    volume, triples = deformed(), rng.random((4000, 3))
+def test_noise_is_amplified_by_condition_at_most():
+    rng = np.random.default_rng(4)
+    volume, triples = deformed(rng), rng.random((4000, 3))
     noise = 1e-6 * rng.normal(size=(4000, 3))
     exact, noisy = (
         solve_control_points(volume.at(triples) + add, triples, SHAPE) for add in (0.0, noise)
@@ -34,7 +35,7 @@ def test_noise_is_spread_by_no_more_than_the_condition():
     assert noisy.rms == pytest.approx(np.sqrt(3.0) * 1e-6, rel=0.1)
 
 
-def test_points_of_a_surface_do_not_determine_what_is_within():
+def test_surface_points_do_not_determine_lattice():
     solid = rebuild_thesis(vase(9, 40))  # 5 by 5 by 9 control points, as in the thesis
     triples = solid.parameters.reshape(-1, 3)
     with pytest.raises(ValueError, match=r"condition number \S+ for 225 control points") as caught:
@@ -46,8 +47,8 @@ def test_points_of_a_surface_do_not_determine_what_is_within():
     (100, (4, 4, 3), "at least 4, got"),
     (60, (4, 4, 4), "as many points as control points, 64, got 60"),
 ])  # fmt: skip
-def test_too_little_is_refused(count, shape, words):
-    points = rng.random((count, 3))
+def test_too_few_points_raise(count, shape, words):
+    points = np.random.default_rng(5).random((count, 3))
     with pytest.raises(ValueError, match=words):
         solve_control_points(points, points, shape)
     with pytest.raises(ValueError, match="parameters must lie between 0 and 1"):

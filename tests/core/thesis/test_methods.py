@@ -1,4 +1,4 @@
-"""Laws of the thesis's own curves, inversion, match of contours, and spline of parameters."""
+"""Laws of the thesis's curves, inversion, match of contours, and spline of parameters."""
 
 from collections.abc import Callable
 
@@ -23,7 +23,7 @@ PLACES = np.random.default_rng(0).random((300, 3))
 FINE = np.arange(4000) / 4000
 
 
-def test_clamped_curves_do_not_close_and_are_worse():
+def test_clamped_curves_do_not_close_and_fit_worse():
     turns, fine = np.arange(81) / 80, np.arange(20000) / 20000
     points = circle(turns) * [2, 1]
     ours, theirs = splines.fit_closed_curve(points, count=16), fit_closed_curve_thesis(points, 16)
@@ -43,16 +43,16 @@ def noisy(amplitude: float, seed: int = 0) -> splines.SplineVolume:
     return splines.SplineVolume(control + 0.5 * amplitude * noise, bases)
 
 
-def test_newtons_inversion_is_right_where_it_converges():
-    still = noisy(0.0)  # of which the affine guess is the answer
-    found = invert_thesis(still, still.at(PLACES))
-    assert found.converged.all() and not found.steps.any()
+def test_newton_inversion_is_exact_where_converged():
+    regular = noisy(0.0)  # its affine guess is exact
+    inversion = invert_thesis(regular, regular.at(PLACES))
+    assert inversion.converged.all() and not inversion.steps.any()
     volume = noisy(0.1)
-    found = invert_thesis(volume, volume.at(PLACES))
-    assert found.converged.mean() > 0.99 and 1 < found.steps.max() <= 50
-    assert np.abs(found.parameters - PLACES)[found.converged].max() < 1e-5
-    residual = np.linalg.norm(volume.at(found.parameters) - volume.at(PLACES), axis=1)
-    assert np.allclose(found.residual, residual, rtol=0, atol=1e-14)
+    inversion = invert_thesis(volume, volume.at(PLACES))
+    assert inversion.converged.mean() > 0.99 and 1 < inversion.steps.max() <= 50
+    assert np.abs(inversion.parameters - PLACES)[inversion.converged].max() < 1e-5
+    residual = np.linalg.norm(volume.at(inversion.parameters) - volume.at(PLACES), axis=1)
+    assert np.allclose(inversion.residual, residual, rtol=0, atol=1e-14)
     folded = noisy(0.8, seed=1)
     assert invert_thesis(folded, folded.at(PLACES)).converged.mean() < 0.7
     assert splines.invert_points(folded, folded.at(PLACES)).converged.mean() > 0.99
@@ -60,18 +60,18 @@ def test_newtons_inversion_is_right_where_it_converges():
 
 
 @pytest.mark.parametrize("squeeze", [[1, 1, 0], [1, 0, 0], [0, 0, 0]])
-def test_inversion_of_squeezed_volumes_is_finite_and_folded(squeeze: list[int]):
+def test_inversion_of_flat_volume_is_finite_and_folded(squeeze: list[int]):
     control = noisy(0.0).control * squeeze
     flat = splines.SplineVolume(control, noisy(0.0).bases)
-    found = invert_thesis(flat, flat.at(PLACES[:20]))
+    inversion = invert_thesis(flat, flat.at(PLACES[:20]))
     away = invert_thesis(flat, flat.at(PLACES[:20]) + [0.0, 0.0, 0.5])
-    assert found.converged.all() and not away.converged.any()
-    for one in (found, away):
-        assert np.isfinite(one.parameters).all() and np.isfinite(one.residual).all()
-        assert one.folded.all()
+    assert inversion.converged.all() and not away.converged.any()
+    for result in (inversion, away):
+        assert np.isfinite(result.parameters).all() and np.isfinite(result.residual).all()
+        assert result.folded.all()
 
 
-def test_rays_meet_a_circle_in_their_azimuths():
+def test_rays_meet_circle_at_their_azimuths():
     assert np.allclose(ray_azimuths(4), [-np.pi, -np.pi / 2, 0, np.pi / 2])
     azimuths = ray_azimuths(40)
     match = match_contour(circle(np.arange(40) / 40 + 0.013), azimuths)
@@ -89,7 +89,7 @@ def test_rays_meet_a_circle_in_their_azimuths():
 
 
 @pytest.mark.parametrize("name", ["u", "c"])
-def test_contours_around_a_middle_outside_are_matched_in_order(name: str):
+def test_contour_with_outer_middle_is_matched_in_order(name: str):
     points = figure(name, 80) + [3.0, 0.5]
     match = match_contour(points, ray_azimuths(80))
     assert not match.one_to_one
@@ -112,7 +112,7 @@ def box(rows: int, columns: int) -> Floats:
 
 
 @pytest.mark.parametrize(("rows", "columns"), [(27, 81), (9, 13), (4, 5), (3, 9), (2, 9)])
-def test_the_spline_interpolates_the_triples(rows: int, columns: int):
+def test_spline_interpolates_triples(rows: int, columns: int):
     grid = box(rows + 2, columns)[1:-1]
     spline = interpolated_parameters(grid)
     assert np.allclose(spline.at(*spline.sites), grid, rtol=0, atol=1e-12)
@@ -152,7 +152,7 @@ def test_poles_have_no_length_and_overshoot_is_clipped():
         (lambda: interpolated_parameters(box(5, 9)).at([1.1], [0.5]), "x must lie in the domain"),
     ],
 )
-def test_bad_input_is_refused(call: Callable[[], object], words: str):
+def test_invalid_input_raises(call: Callable[[], object], words: str):
     with pytest.raises(ValueError, match=words):
         call()
 
@@ -173,7 +173,7 @@ def by_table(limit: float) -> float:
     return low
 
 
-def test_search_of_table_4_2_finds_largest_ellipse_and_that_of_program_does_not():
+def test_table_4_2_finds_largest_ellipse_but_program_does_not():
     true, by_program = [], []
     for wide, lobe in ((1.0, 0.0), (0.4, 0.0), (1.0, 0.2), (0.7, 0.1)):
         turns = np.arange(16) / 16

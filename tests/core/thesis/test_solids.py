@@ -44,12 +44,12 @@ def volume(solid: ThesisSolid) -> float:
 
 
 @both
-def test_a_vase_is_rebuilt_to_a_few_hundredths(faithful: bool):
+def test_vase_is_rebuilt_to_few_hundredths(faithful: bool):
     mesh = vase_solid(faithful, 17).mesh(80, 96)
     assert mesh.vertices.shape == (80 * 96 + 2, 3)
-    found = solidity(*mesh)
-    assert found[:3] == (True, 1, 0)
-    assert found.volume == pytest.approx(true_volume(), rel=0.06)
+    measures = solidity(*mesh)
+    assert measures[:3] == (True, 1, 0)
+    assert measures.volume == pytest.approx(true_volume(), rel=0.06)
     x, y, z = mesh.vertices[np.abs(mesh.vertices[:, 2]) < 0.85].T
     off = np.hypot(x, y) - vase_radius(z, np.arctan2(y, x))
     assert np.sqrt((off**2).mean()) < 0.02
@@ -57,7 +57,7 @@ def test_a_vase_is_rebuilt_to_a_few_hundredths(faithful: bool):
 
 
 @both
-def test_surface_and_mesh_come_from_lattice_and_parameters(faithful: bool):
+def test_surface_and_mesh_follow_lattice_and_parameters(faithful: bool):
     solid = vase_solid(faithful, layer=(5, 6))
     assert solid.lattice.control.shape == (5, 6, 13, 3)
     assert np.allclose(solid.lattice.control[..., 2], np.linspace(-1, 1, 13), atol=1e-12)
@@ -79,17 +79,17 @@ def test_surface_and_mesh_come_from_lattice_and_parameters(faithful: bool):
 
 
 @pytest.mark.parametrize("unit", [1e-6, 1.0, 1e6])
-def test_unit_place_and_proportions_change_nothing(unit: float):
+def test_solid_does_not_depend_on_affine_scaling(unit: float):
     scale, shift = unit * np.array([1.0, 2.0, 0.5]), unit * np.array([3.0, -2.0, 7.0])
-    given = vase() * scale + shift
-    solid = rebuild_thesis(given)
-    found = (solid.surface(ETA, NU) - shift) / scale
-    assert np.allclose(found, vase_solid().surface(ETA, NU), rtol=0, atol=1e-9)
-    box, points = solid.lattice.undeformed.control.reshape(-1, 3), given.reshape(-1, 3)
+    contours = vase() * scale + shift
+    solid = rebuild_thesis(contours)
+    surface = (solid.surface(ETA, NU) - shift) / scale
+    assert np.allclose(surface, vase_solid().surface(ETA, NU), rtol=0, atol=1e-9)
+    box, points = solid.lattice.undeformed.control.reshape(-1, 3), contours.reshape(-1, 3)
     assert np.allclose([box.min(axis=0), box.max(axis=0)], [points.min(axis=0), points.max(axis=0)])
 
 
-def test_order_begin_and_direction_change_nothing():
+def test_corrected_solid_ignores_order_start_and_direction():
     rng, listed = np.random.default_rng(3), []
     for contour in vase()[rng.permutation(13), :-1]:
         ring = np.roll(contour, rng.integers(40), axis=0)
@@ -99,7 +99,7 @@ def test_order_begin_and_direction_change_nothing():
     assert np.allclose(solid.surface(ETA, NU), wanted, rtol=0, atol=1e-9)
     heights = np.array([contour[0, 2] for contour in listed])
     assert (np.diff(heights[solid.order]) > 0.0).all()
-    # The program needs contours that begin alike.
+    # The program needs contours with the same start.
     begun = vase()[:, :-1].copy()
     begun[1::2] = np.roll(begun[1::2], 20, axis=1)
     assert np.abs(rebuild_thesis(begun).surface(ETA, NU) - wanted).max() < 1e-9
@@ -112,7 +112,7 @@ def test_order_begin_and_direction_change_nothing():
 
 
 @pytest.mark.parametrize("exponents", [(0.15, 0.15), (1.0, 0.3), (0.4, 1.7), (2.0, 2.0)])
-def test_parameters_are_those_of_the_model(exponents: tuple[float, float]):
+def test_parameters_belong_to_model_points(exponents: tuple[float, float]):
     model = Superquadric(np.ones(3), np.array(exponents))
     solid = vase_solid(exponents=exponents)
     before = solid.lattice.undeformed
@@ -139,13 +139,13 @@ def test_parameters_are_those_of_the_model(exponents: tuple[float, float]):
 
 
 def rim_of(layer: Floats) -> Floats:
-    """Counter-clockwise from the north-west."""
+    """Control points around a layer, counter-clockwise from the north-west."""
     south, east = layer[:, 0], layer[-1, :]
     return np.concatenate([layer[0, :0:-1], south[:-1], east[:-1], layer[:0:-1, -1]])
 
 
 @pytest.mark.parametrize("name", ["lobes", "u", "c"])
-def test_the_core_is_the_largest_rectangle_in_its_shell(name: str):
+def test_core_is_largest_rectangle_in_shell(name: str):
     solid = prism_solid(name)
     for number in range(5):
         layer = solid.lattice.control[:, :, number, :2]
@@ -157,7 +157,6 @@ def test_the_core_is_the_largest_rectangle_in_its_shell(name: str):
         fine = rim + share * (np.roll(rim, -1, axis=0) - rim)
         room = np.abs((fine - middle) / half).max(axis=2).min()
         assert solid.health.core_scales[number] == pytest.approx(room, rel=5e-3)
-        # The program's margin is 0.95.
         assert np.ptp(core, axis=0) == pytest.approx(1.9 * solid.health.core_scales[number] * half)
         moved = not np.allclose(middle, 0.5 * (low + high), atol=1e-9)
         assert solid.health.cores_moved[number] == moved == (name != "lobes")
@@ -168,7 +167,7 @@ def test_the_core_is_the_largest_rectangle_in_its_shell(name: str):
     assert solid.health.one_to_one.all() == (name == "lobes")
 
 
-def test_the_programs_lattice_is_a_mirror_image():
+def test_program_lattice_is_mirrored():
     assert fold_report(vase_solid().lattice).verdict == "sound"
     assert fold_report(vase_solid(True).lattice).share > 0.9
     health = vase_solid(True).health
@@ -211,7 +210,7 @@ def buildgrid(polygon: Floats, middle: Floats, half: Floats, edges: int) -> floa
     return 0.5 * (low + high)
 
 
-def test_the_search_for_the_core_is_that_of_the_program():
+def test_core_search_equals_that_of_program():
     for seed in range(30):
         rng = np.random.default_rng(seed)
         polygon, edges = rng.uniform(-1, 1, (9, 2)), 1 + seed % 9
@@ -221,19 +220,19 @@ def test_the_search_for_the_core_is_that_of_the_program():
         assert searched_scale(polygon, middle, half, edges) == pytest.approx(wanted, abs=1e-9)
 
 
-def test_the_ends_are_poles_or_the_programs_points():
+def test_ends_are_poles_or_program_caps():
     assert vase_solid().cap is None
     ends = vase_solid().surface(np.array([0.0, 1.0]), NU)
     assert np.ptp(ends, axis=1).max() < 1e-12
     assert ends[:, 0, 2].tolist() == pytest.approx([-1.0, 1.0])
-    # Of an object a tenth as large the same hundredth is ten times as much.
+    # On a ten times smaller object the cap has the same length.
     for solid in (vase_solid(True), rebuild_thesis(0.1 * vase(), faithful=True)):
         heights = solid.mesh(40, 48).vertices[:, 2]
         assert heights[-1] == pytest.approx(heights[-49:-1].mean() + 0.01)
         assert heights[0] == pytest.approx(heights[1:49].mean() - 0.01)
 
 
-def test_volumes_depend_on_the_model_and_hardly_on_the_rest():
+def test_volume_depends_mainly_on_model():
     solid = vase_solid(False, 27, 80)
     splined = dataclasses.replace(solid, triples=interpolated_parameters(solid.parameters))
     assert volume(splined) == pytest.approx(volume(solid), rel=0.01)
@@ -246,15 +245,15 @@ def test_volumes_depend_on_the_model_and_hardly_on_the_rest():
     rough[:, :-1, :2] += 0.01 * np.random.default_rng(0).normal(size=(13, 40, 2))
     assert volume(rebuild_thesis(rough[:, :-1])) == pytest.approx(true_volume(), rel=0.08)
     uneven = np.concatenate([0.25 * np.arange(60) / 60, 0.25 + 0.75 * np.arange(20) / 20])
-    even, found = (
+    even, dense = (
         rebuild_thesis(prism(circle(turns), 5)).surface(ETA, NU)
         for turns in (np.arange(80) / 80, uneven)
     )
-    assert np.abs(found - even).max() < 0.005
+    assert np.abs(dense - even).max() < 0.005
 
 
 @both
-def test_degenerate_contours_are_flagged_and_leave_a_solid(faithful: bool):
+def test_degenerate_contours_are_flagged_and_rebuilt(faithful: bool):
     turn = (np.arange(60) + 0.5) / 60
     contours = prism(circle(turn), 5)
     contours[2, :, :2] = np.column_stack([circle(turn)[:, 1], 0.6 * circle(2 * turn)[:, 1]])
@@ -303,6 +302,6 @@ REFUSED: list[tuple[Callable[[], object], str]] = [
 
 
 @pytest.mark.parametrize(("call", "words"), REFUSED)
-def test_bad_input_is_refused(call: Callable[[], object], words: str):
+def test_invalid_input_raises(call: Callable[[], object], words: str):
     with pytest.raises(ValueError, match=words):
         call()

@@ -1,4 +1,4 @@
-"""The system of 1999 as a graph: which part does what, what it finds, and what it does not say."""
+"""The system of 1999 as a graph: its parts, its solid, and the error bound that it lacks."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from palpate.launch.run_directory import SUMMARY
 from palpate.nodes.runtime.testing import recorded
 from tests.graph.conftest import palpate
 
-pytestmark = pytest.mark.slow  # one run, which answers all of it
+pytestmark = pytest.mark.slow  # one run for all tests
 HEIGHT = 0.08  # Of the egg [m]
 SHAPES = {(1.0, 1.0), (0.2, 0.2), (0.2, 1.0)}  # Sphere, box, cylinder
 
@@ -29,12 +29,12 @@ def run(tmp_path_factory):
     return folder / "run"
 
 
-def test_solid_is_the_thesiss_and_states_no_bound(run):
+def test_solid_is_of_thesis_without_bound(run):
     summary = json.loads((run / SUMMARY).read_text())
     assert (summary["method"], summary["rms_bound_95_m"]) == ("thesis", None)
     assert 0.1e-3 < summary["rms_m"] < 0.03 * HEIGHT
     assert "its method of rebuilding states no error bound" in summary["reason"]
-    # Of drafts, too, and of those with too few contours for a solid.
+    # The same holds for drafts, and with too few contours for a solid.
     assert {one.rms_bound_95 for one in recorded(run, "/plan/estimate")} == {None}
     assert {one.method for one in recorded(run, "/model/shape")} == {"thesis"}
     last = recorded(run, "/model/shape")[-1]
@@ -44,7 +44,7 @@ def test_solid_is_the_thesiss_and_states_no_bound(run):
     assert solid is not None and solid.method == "thesis"
 
 
-def test_search_goes_from_half_height_to_one_end_and_then_to_the_other(run):
+def test_search_goes_from_half_height_to_both_ends(run):
     [*coarse] = recorded(run, "/model/coarse")
     assert {tuple(one.exponents) for one in coarse} <= SHAPES
     assert all(one.taper.max() == one.bend == 0.0 for one in coarse)
@@ -54,18 +54,18 @@ def test_search_goes_from_half_height_to_one_end_and_then_to_the_other(run):
     up = heights > heights[0]
     turn = int(np.argmax(up[1:] != up[1])) + 1
     assert np.all(up[1:turn] == up[1]) and np.all(up[turn:] != up[1])
-    for way in (heights[:turn], np.concatenate([heights[:1], heights[turn:]])):
-        assert np.all(np.abs(np.diff(way)) <= 0.2 * HEIGHT + 2e-3) and len(way) > 2
+    for half in (heights[:turn], np.concatenate([heights[:1], heights[turn:]])):
+        assert np.all(np.abs(np.diff(half)) <= 0.2 * HEIGHT + 2e-3) and len(half) > 2
     with pytest.raises(ValueError, match="has nothing on /probe/goal"):
         recorded(run, "/probe/goal")
 
 
-def test_touches_are_read_by_its_spline(run):
+def test_touches_are_fitted_by_spline(run):
     patches = [one for one in recorded(run, "/touch/patch") if one.kind == "smooth"]
     assert len(patches) > 50 and {len(one.jet) for one in patches} == {6}
 
 
-def test_recording_is_replayed_and_compared_with_ours(run):
+def test_recording_is_replayed_and_compared(run):
     folder = run.parent
     assert palpate("replay", run, folder=folder).code == 0
     words = ("run", "egg", "--noise", "low", "--tolerance", "2mm", "--composed", "--quiet")

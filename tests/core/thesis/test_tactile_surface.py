@@ -1,4 +1,4 @@
-"""Laws of the interpolating B-spline over a touch, and of the curvature node that takes it."""
+"""Laws of the interpolating B-spline over a touch, and of the curvature node that uses it."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from tests.nodes.patches import IMPRINT, INFO, RADIUS
 PAD = Pad(rows=12, cols=16, pitch=1e-3, thickness=3e-3, dome=0.0, saturation=0.8)
 X, Y = PAD.grid()
 ALL = np.ones(X.shape, bool)
-BEYOND = X > -3e-3  # A contact aside of the pad's middle
+BEYOND = X > -3e-3  # a contact beside the pad's middle
 NOISE = 5e-6
 ALONG_Y = np.array([0.0, 1.0, 0.0])
 IMAGE = example(
@@ -26,13 +26,13 @@ IMAGE = example(
     fault="none",
     compression=IMPRINT,
     mask=IMPRINT > 0.0,
-)  # Of a small ball
+)  # of a small ball
 
 
-def test_derivatives_of_a_cubic_are_exact():
+def test_derivatives_of_cubic_are_exact():
     height = 1e-3 + 0.1 * X - 0.05 * Y + 20 * X**2 - 8 * X * Y + 5 * Y**2 + 900 * X**3 - 400 * Y**3
-    found = fit_bspline(PAD, height, BEYOND, NOISE)
-    x, y, z = found.middle
+    fit = fit_bspline(PAD, height, BEYOND, NOISE)
+    x, y, z = fit.middle
     assert (x, y) == pytest.approx((float(X[BEYOND].mean()), 0.0), abs=1e-12)
     expected = [
         0.1 + 40 * x - 8 * y + 2700 * x**2,
@@ -41,48 +41,48 @@ def test_derivatives_of_a_cubic_are_exact():
         -8.0,
         10 - 2400 * y,
     ]
-    assert found.derivatives == pytest.approx(expected, rel=1e-9)
+    assert fit.derivatives == pytest.approx(expected, rel=1e-9)
     # The quadric has height, slopes and bends of the spline at the middle of the contact.
-    at = np.array([x]), np.array([y])
-    told = (found.jet.height(*at), *found.jet.slopes(*at), *found.jet.second_derivatives(*at))
-    assert np.ravel(told) == pytest.approx([z, *expected], rel=1e-9)
+    jet, at = fit.jet, (np.array([x]), np.array([y]))
+    derivatives = (jet.height(*at), *jet.slopes(*at), *jet.second_derivatives(*at))
+    assert np.ravel(derivatives) == pytest.approx([z, *expected], rel=1e-9)
 
 
-def test_the_surface_passes_every_taxel_so_noise_is_in_its_derivatives():
+def test_derivatives_contain_noise_of_all_taxels():
     rng = np.random.default_rng(1)
     draws = NOISE * rng.normal(size=(2000, *X.shape))
-    found = np.array([fit_bspline(PAD, one, ALL, NOISE).derivatives for one in draws])
-    told = fit_bspline(PAD, draws[0], ALL, NOISE)
-    assert (told.residual, told.deviation) == (0.0, NOISE)
-    expected = NOISE**2 * told.derivative_factor @ told.derivative_factor.T
+    derivatives = np.array([fit_bspline(PAD, draw, ALL, NOISE).derivatives for draw in draws])
+    spline = fit_bspline(PAD, draws[0], ALL, NOISE)
+    assert (spline.residual, spline.deviation) == (0.0, NOISE)
+    expected = NOISE**2 * spline.derivative_factor @ spline.derivative_factor.T
     deviations = np.sqrt(np.diag(expected))
-    assert np.cov(found.T) / np.outer(deviations, deviations) == pytest.approx(
+    assert np.cov(derivatives.T) / np.outer(deviations, deviations) == pytest.approx(
         expected / np.outer(deviations, deviations), abs=0.1
     )
     jet = fit_jet(PAD, draws[0], ALL, NOISE)
     smoother = np.linalg.norm(jet.derivative_factor, axis=1)
-    assert np.all(np.linalg.norm(told.derivative_factor, axis=1)[2:] > 10 * smoother[2:])
+    assert np.all(np.linalg.norm(spline.derivative_factor, axis=1)[2:] > 10 * smoother[2:])
 
 
-def test_a_patch_has_its_normal_and_curvatures_where_it_is_smooth():
+def test_patch_takes_normal_and_curvatures_of_spline():
     radius = 0.03
     ball = radius - np.sqrt(radius**2 - (X - 1e-3) ** 2 - Y**2)
     jet, spline = (fit_patch(PAD, ball, ALL, ALONG_Y, 0.0, one) for one in (fit_jet, fit_bspline))
     assert spline.principal == pytest.approx((1 / radius, 1 / radius), rel=1e-3)
     assert spline.normal == pytest.approx(jet.normal, abs=1e-4)
     noisy = ball + NOISE * np.random.default_rng(2).normal(size=X.shape)
-    found = fit_patch(PAD, noisy, ALL, ALONG_Y, NOISE, fit_bspline)
-    off = np.abs(np.array(found.principal) - 1 / radius)
-    assert np.all(off < 4.0 * np.array(found.principal_error)) and off.max() > 1.0
+    patch = fit_patch(PAD, noisy, ALL, ALONG_Y, NOISE, fit_bspline)
+    errors = np.abs(np.array(patch.principal) - 1 / radius)
+    assert np.all(errors < 4.0 * np.array(patch.principal_error)) and errors.max() > 1.0
     ridge = np.abs(X)
     kinds = {fit_patch(PAD, ridge, ALL, ALONG_Y, 0.0, one).kind for one in (fit_jet, fit_bspline)}
     assert kinds == {"edge"}
 
 
-def test_node_takes_any_estimator_by_name_and_refuses_what_is_none():
-    given = [INFO, ("/touch/image", IMAGE)]
+def test_node_takes_estimator_by_name():
+    inputs = [INFO, ("/touch/image", IMAGE)]
     for name in ("bspline", "palpate.core.thesis:fit_bspline"):
-        [patch] = messages_on(drive(curvature.NODE, given, {"estimator": name}), "/touch/patch")
+        [patch] = messages_on(drive(curvature.NODE, inputs, {"estimator": name}), "/touch/patch")
         assert isinstance(patch, SurfacePatch) and len(patch.jet) == 6
         # The free face around the contact counts too.
         assert (patch.k1, patch.k2) == pytest.approx((1 / RADIUS, 1 / RADIUS), rel=0.15)
