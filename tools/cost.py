@@ -294,9 +294,8 @@ def _phase_table(name: str, cost: Mapping[str, Any]) -> list[str]:
         rows.append((part, *(f"{one[f'{part}_s']:.1f}" for one in (*phases.values(), cost))))
     moves = [one["moves"] for one in phases.values()]
     rows.append(("moves", *map(str, (*moves, sum(moves)))))
-    return text_table(
-        rows, right=range(1, len(rows[0])), min_widths=(TITLE_WIDTH, *[8] * len(moves), 8)
-    )
+    widths = (TITLE_WIDTH, *[8] * len(moves), 8)
+    return text_table(rows, right=range(1, len(rows[0])), min_widths=widths)
 
 
 def _finger_lines(cost: Mapping[str, Any], fingers: int) -> list[str]:
