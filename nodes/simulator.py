@@ -19,7 +19,7 @@ from palpate.core.touch import (
     SimulatedTouch,
     StageStates,
     set_down,
-    turning_way,
+    turning_distances,
 )
 from palpate.messages import types
 from palpate.nodes.runtime.node import Finger, Node, Outputs
@@ -248,7 +248,7 @@ def turn_over(params: Params, state: State, goal: types.TurnGoal) -> tuple[State
     asked, robot = Pose.from_array(goal.pose), ROBOT_PRESETS[params.robot]
     resting = RestingSolid(*upright.mesh(TRUTH_LEVEL))
     pose = set_down(resting, asked, state.platform, params.seed, goal.placement)
-    (travel, grip), turn = turning_way(), rotation_angle(state.lies.axes, pose.axes)
+    (travel, grip), turn = turning_distances(), rotation_angle(state.lies.axes, pose.axes)
     begun = max(state.clock, goal.not_before)
     clock = begun + free_seconds(robot, travel, turn) + contact_seconds(robot, grip)
     move = np.array([begun - state.clock, travel, turn, grip, NO_SURFACE_PATH])

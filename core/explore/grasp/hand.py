@@ -20,7 +20,15 @@ import numpy as np
 from palpate.core.arrays import Bools, Floats, positive
 from palpate.core.poses import Pose, pad_rotation
 from palpate.core.shapes import Shape
-from palpate.core.touch import CONTACT, Pad, Pipeline, SimulatedTouch, StageStates, clean, fit_patch
+from palpate.core.touch import (
+    DEFAULT_CONTACT,
+    Pad,
+    Pipeline,
+    SimulatedTouch,
+    StageStates,
+    clean,
+    fit_patch,
+)
 
 SEARCH_HEIGHTS = (0.04, 0.012)  # Over the platform, m: where the hand closes while nothing is found
 THICKNESS = 0.04  # Of what is touched, while it has not been touched from all sides, m
@@ -318,7 +326,7 @@ def contact_of(
 
     The deepest point, with the normal of the surface about it; None if nothing is touched.
     """
-    cleaned = clean(pad, compression, noise, CONTACT, "auto")
+    cleaned = clean(pad, compression, noise, DEFAULT_CONTACT.min_compression, "auto")
     if not cleaned.touched.any():
         return None
     surface = pad.surface(cleaned.compression, cleaned.touched)

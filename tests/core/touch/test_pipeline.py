@@ -117,7 +117,7 @@ def test_one_effect_may_take_the_place_of_the_cast():
     with pytest.raises(ValueError, match="no finite"):  # nothing was cast
         simulated(assemble(finger(), [Mark(Phase.CAST, "cast", notes)]), touch())
     assert [name for name, _ in notes] == ["cast"]
-    with pytest.raises(ValueError, match="Mark and Mark both say how a taxel sees the surface"):
+    with pytest.raises(ValueError, match="Mark and Mark both replace the cast"):
         assemble(finger(), [Mark(Phase.CAST, name, []) for name in "ab"])
 
 

@@ -148,7 +148,7 @@ def test_an_unpressed_taxel_has_the_common_gain():
 
 
 def test_too_few_presses_are_refused():
-    with pytest.raises(ValueError, match="only 0 taxels answer to being pressed 4 times"):
+    with pytest.raises(ValueError, match="only 0 taxels respond to 4 presses"):
         worn(7, count=3).estimate()
 
 
