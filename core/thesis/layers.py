@@ -80,7 +80,10 @@ def _polygon(points: Floats, count: int) -> Floats:
     different = points[apart]
     if len(different) < 2:
         return np.repeat(points[:1], count, axis=0)
-    places, least = splines.curve_parameters(different, "chord"), splines.LEAST_SMOOTHING
+    places, least = (
+        splines.curve_parameters(different, "chord"),
+        splines.DEFAULT_CURVE_FIT.min_smoothing,
+    )
     return splines.fit_closed_least_squares(different, places, count, least).control
 
 

@@ -240,7 +240,11 @@ def slice_curve(points: Floats) -> SliceCurve:
 def slice_parameters(points: Floats) -> Floats:
     """Parameters (m,) of points (m, 2), in turns: even if their steps are, else by chords."""
     parameters = splines.curve_parameters(points, "even")
-    if len(points) < splines.LEAST_POINTS or same_steps(parameters) or not _noisy_even(points):
+    if (
+        len(points) < splines.DEFAULT_CLOSED_CURVE.min_noise_points
+        or same_steps(parameters)
+        or not _noisy_even(points)
+    ):
         return parameters
     return np.arange(len(points)) / len(points)
 
@@ -267,7 +271,7 @@ def _noisy_even(points: Floats) -> bool:
 def _seen(ring: splines.ClosedPoints, fit: splines.CurveFit) -> SliceCurve:
     """The fit in the points' own place and scale, with what should be known of it."""
     spread = np.linalg.svd(ring.points - ring.points.mean(axis=0), compute_uv=False)
-    flat = bool(spread[1] <= splines.FLAT_SPREAD * spread[0])
+    flat = bool(spread[1] <= splines.DEFAULT_CLOSED_CURVE.max_flat_spread * spread[0])
     if fit.smoothing == 0.0 and same_steps(fit.parameters):
         fine = _even_matrix(len(ring.points)) @ fit.control
     else:
@@ -290,7 +294,7 @@ def _seen(ring: splines.ClosedPoints, fit: splines.CurveFit) -> SliceCurve:
         smoothing=fit.smoothing,
         flags=splines.CurveFlags(
             degenerate=flat,
-            uneven=bool(splines.gap_ratio(ring.points) > splines.UNEVEN_GAP_RATIO),
+            uneven=bool(splines.gap_ratio(ring.points) > splines.DEFAULT_CURVE_FIT.max_gap_ratio),
             self_intersecting=not flat and not star and self_intersects(fine),
         ),
     )

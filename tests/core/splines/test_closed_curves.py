@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from palpate.core.arrays import Floats
 from palpate.core.splines import (
-    LEAST_SMOOTHING,
+    DEFAULT_CURVE_FIT,
     ClosedCurve,
     PeriodicBasis,
     closed_curve_points,
@@ -128,7 +128,7 @@ def test_cross_validation_takes_the_least_score(sigma: float):
     turns, points = np.arange(80) / 80, noisy(sigma)
     fit = fit_closed_least_squares(points, turns, 40, None)
     few = fit_closed_least_squares(points[:6], np.arange(6) / 6, 12, None)
-    assert np.isfinite(few.control).all() and few.smoothing >= LEAST_SMOOTHING
+    assert np.isfinite(few.control).all() and few.smoothing >= DEFAULT_CURVE_FIT.min_smoothing
     stiff = fit_closed_curve(points, smoothing=1e300)
     assert np.allclose(stiff.control, points.mean(axis=0), rtol=0, atol=1e-3)
 
@@ -139,14 +139,17 @@ def test_cross_validation_takes_the_least_score(sigma: float):
     nearby = [score(fit.smoothing * 10.0**power) for power in (-1, -1 / 6, 0, 1 / 6, 1)]
     assert min(nearby) == nearby[2]
     again = fit_closed_curve(points, count=40, smoothing="gcv", parameters="chord")
-    assert again.smoothing > LEAST_SMOOTHING
+    assert again.smoothing > DEFAULT_CURVE_FIT.min_smoothing
 
 
 def test_weak_smoothing_moves_parameters_to_the_nearest_places():
     turns = np.arange(60) / 60
     wrong = np.mod(turns + 0.004 * np.sin(6 * np.pi * turns), 1.0)
     points = ellipse(turns)
-    fits = [fit_closed_least_squares(points, wrong, 12, one) for one in (1e-4, LEAST_SMOOTHING)]
+    fits = [
+        fit_closed_least_squares(points, wrong, 12, one)
+        for one in (1e-4, DEFAULT_CURVE_FIT.min_smoothing)
+    ]
     along = []
     for fit in fits:
         places, slopes = (
