@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import palpate.nodes
-from palpate.core.plugins import told_error
+from palpate.core.plugins import describe_error
 from palpate.launch.files.source_map import InputError, KeyPath, SourceMapped, hint
 
 if TYPE_CHECKING:
@@ -111,7 +111,7 @@ def load_entry(entry: Entry) -> AnyNode:
         known = hint(kind, list_kinds())
         raise entry.error(f"there is no kind of node {kind!r}; {known}") from None
     except Exception as error:  # a module of one's own may break in any way
-        raise entry.error(f"module {entry.module!r} breaks: {told_error(error)}") from None
+        raise entry.error(f"module {entry.module!r} breaks: {describe_error(error)}") from None
     if mark and getattr(sys.modules[entry.module], held, None) is not node:
         raise entry.error(f"module {entry.module!r} holds no {held}")
     return node

@@ -249,7 +249,7 @@ def _solve(scaled: _Scaled, most: int, starts: Floats, steps: int) -> Solutions:
         np.full(6, -np.inf),
         np.full(6, np.inf),
         steps=steps,
-        enough=ON * np.sqrt(len(points)),
+        min_residual=ON * np.sqrt(len(points)),
         tolerance=TOLERANCE,
     )
 

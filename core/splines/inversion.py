@@ -294,7 +294,7 @@ def _minimise(
         np.zeros(3),
         np.ones(3),
         steps=settings.max_steps,
-        enough=least_residual(volume, settings),
+        min_residual=least_residual(volume, settings),
     )
     return ends.parameters, np.sqrt(2.0 * ends.cost), ends.steps
 

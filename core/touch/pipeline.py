@@ -19,7 +19,7 @@ from zlib import crc32
 import numpy as np
 
 from palpate.core.arrays import Floats
-from palpate.core.plugins import told_error
+from palpate.core.plugins import describe_error
 from palpate.core.poses import Pose
 from palpate.core.robot_time import RobotPreset, contact_seconds
 from palpate.core.shapes import Shape
@@ -117,7 +117,9 @@ def _prepared(effect: Effect, finger: Fingertip) -> Stage:
     except ValueError:
         raise
     except Exception as error:  # a user's effect: the message names it
-        raise ValueError(f"the effect {name} cannot be prepared: {told_error(error)}") from error
+        raise ValueError(
+            f"the effect {name} cannot be prepared: {describe_error(error)}"
+        ) from error
     if not isinstance(stage, Stage):
         raise ValueError(f"the effect {name} prepares a {type(stage).__name__}, not a Stage")
     if not (isinstance(stage.noise, (int, float)) and 0.0 <= stage.noise < math.inf):

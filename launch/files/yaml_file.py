@@ -33,7 +33,7 @@ from ruamel.yaml.events import (
 )
 from ruamel.yaml.nodes import ScalarNode
 
-from palpate.core.plugins import UNITS, in_base_unit, ranges_of, told_error
+from palpate.core.plugins import UNITS, describe_error, in_base_unit, ranges_of
 from palpate.launch.files.file_access import read_bounded
 from palpate.launch.files.source_map import (
     InputError,
@@ -208,7 +208,9 @@ def convert(given: SourceMapped, wanted: type[Target], name: str = "") -> Target
     except msgspec.ValidationError as error:
         raise _complaint(given, wanted, name, str(error)) from None
     except Exception as error:  # a class of the user's own may break in any way
-        raise given.error((), f"{wanted.__name__} cannot be made: {told_error(error)}") from None
+        raise given.error(
+            (), f"{wanted.__name__} cannot be made: {describe_error(error)}"
+        ) from None
 
 
 def _refuse_unknown(

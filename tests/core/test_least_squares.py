@@ -105,7 +105,7 @@ def test_a_parameter_without_effect_stays():
 def test_steps_end_where_they_are_enough_or_too_many():
     few = solved(-1.2, 1.0, steps=3)
     assert not few.converged[0] and few.steps[0] == 3
-    rough, fine = solved(-1.2, 1.0, enough=0.1), solved(-1.2, 1.0)
+    rough, fine = solved(-1.2, 1.0, min_residual=0.1), solved(-1.2, 1.0)
     assert rough.converged[0] and rough.steps[0] < fine.steps[0]
     assert 1e-12 < np.sqrt(2 * rough.cost[0]) <= 0.1
 

@@ -17,7 +17,7 @@ from palpate.core.plugins import (
     in_base_unit,
     in_base_units,
     ranges_of,
-    told_error,
+    describe_error,
 )
 
 
@@ -41,15 +41,15 @@ def test_errors_name_the_last_line_of_user_code():
     assert (place.is_own, place.function, place.line) == (True, "__post_init__", line)
     with pytest.raises(TypeError) as caught:
         np.linalg.norm(code_place)
-    assert told_error(caught.value).endswith(f"({code_place(caught.value)})")
+    assert describe_error(caught.value).endswith(f"({code_place(caught.value)})")
     outer = RuntimeError("outer")
     outer.__cause__ = caught.value
     assert code_place(outer) == code_place(caught.value)
     assert code_place(RuntimeError("never raised")) is None
-    assert told_error(RuntimeError("two\nlines")) == "RuntimeError: two"
+    assert describe_error(RuntimeError("two\nlines")) == "RuntimeError: two"
     with pytest.raises(SyntaxError) as caught:
         compile("a b", "script.py", "exec")
-    assert told_error(caught.value).endswith("(script.py:1)")
+    assert describe_error(caught.value).endswith("(script.py:1)")
 
 
 def test_ranges_are_read_off_the_fields():

@@ -320,7 +320,7 @@ def _solved(
         starts.high,
         loss=loss,
         steps=steps,
-        enough=EXACT * float(np.sqrt(len(points))),
+        min_residual=EXACT * float(np.sqrt(len(points))),
         tolerance=tolerance,
     )
     best = np.argsort(ends.cost, kind="stable")

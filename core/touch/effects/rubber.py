@@ -18,7 +18,7 @@ from palpate.core.touch.pipeline import Fingertip, Phase, SimulatedTouch, Stage
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ContactSettings:
+class ContactSolverSettings:
     """Solution of the half-space's contact problem."""
 
     tolerance: float = 1e-7  # of the face within the contact, fraction of the deepest indentation
@@ -42,7 +42,7 @@ class HalfSpace(Ranged):
     """
 
     phase: ClassVar = Phase.PAD
-    solver: ClassVar = ContactSettings()
+    solver: ClassVar = ContactSolverSettings()
 
     # Young's modulus: that of a soft silicone, an engineering value.
     modulus: Annotated[float, Range(1e4, 1e8, "N/m2")] = 0.5e6
@@ -73,7 +73,7 @@ class HalfSpace(Ranged):
         return Stage(apply, face=FaceModel("half_space"))
 
 
-def _contact(kernel: Floats, wanted: Floats, settings: ContactSettings) -> Floats:
+def _contact(kernel: Floats, wanted: Floats, settings: ContactSolverSettings) -> Floats:
     """The x >= 0, (n,), with ``K x = wanted`` where x > 0 and ``K x >= wanted`` elsewhere.
 
     Conjugate gradients on the taxels with x > 0; a projected gradient step where one would become

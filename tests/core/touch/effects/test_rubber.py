@@ -11,7 +11,7 @@ import pytest
 from palpate.core.arrays import Bools, Floats
 from palpate.core.touch import Fingertip, SimulatedTouch
 from palpate.core.touch.effects import effect_type
-from palpate.core.touch.effects.rubber import ContactSettings
+from palpate.core.touch.effects.rubber import ContactSolverSettings
 from tests.core.touch.touches import DENT, X, Y, applied, finger, stage, touch
 
 RADIUS, DEPTH = 0.03, 1e-3
@@ -106,7 +106,7 @@ def test_the_half_space_is_linear_in_modulus_and_depth():
 
 
 def test_a_contact_that_is_not_found_is_refused(monkeypatch):
-    monkeypatch.setattr(effect_type("half_space"), "solver", ContactSettings(max_steps=3))
+    monkeypatch.setattr(effect_type("half_space"), "solver", ContactSolverSettings(max_steps=3))
     made = stage("half_space")
     with pytest.raises(ArithmeticError, match="half_space did not converge within 3 steps"):
         made.apply(touch(field=paraboloid(finger())), None)
