@@ -74,7 +74,7 @@ def take_model(params: Params, state: State, model: ShapeModel) -> tuple[State, 
 
 def _score(truth: TrueSurface, model: ShapeModel, _: Steps) -> Score:
     every = 1 if model.final else EVERY
-    samples = geometry.SAMPLES // every
+    samples = geometry.DEFAULT_SAMPLING.n_samples // every
     rebuilt = geometry.prepare_surface(model.vertices, model.faces, samples)
     distances = geometry.compare_surfaces(truth.prepared[every], rebuilt, truth.exposed)
     solid = geometry.solidity(model.vertices, model.faces)

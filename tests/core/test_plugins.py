@@ -14,10 +14,10 @@ from palpate.core.plugins import (
     check_ranges,
     class_by_name,
     code_place,
+    describe_error,
     in_base_unit,
     in_base_units,
     ranges_of,
-    describe_error,
 )
 
 

@@ -18,7 +18,7 @@ import scipy
 from numpy.typing import ArrayLike
 
 from palpate.core.arrays import Bools, Floats, Ints
-from palpate.core.geometry import SHARP, nearest_points, nearest_search, point_tree
+from palpate.core.geometry import DEFAULT_MESH, nearest_points, nearest_search, point_tree
 from palpate.core.poses import Pose
 from palpate.core.rebuild.contours import ContactPoints, checked_contacts
 from palpate.core.rebuild.general.band import basis_values
@@ -198,7 +198,9 @@ class GeneralSolid(Solid):
         slope = np.linalg.norm(gradient, axis=1, keepdims=True)
         normals = gradient / np.maximum(slope, LEAST_SLOPE)
         along = np.einsum("ni,ni->n", normals, found.normals)
-        on_spline = (along > np.cos(SHARP)) & (slope[:, 0] >= LEAST_SLOPE)  # False where it is NaN
+        on_spline = (along > np.cos(DEFAULT_MESH.sharp_angle)) & (
+            slope[:, 0] >= LEAST_SLOPE
+        )  # False where it is NaN
         if self.platform is not None:
             on_spline &= found.points[:, 2] > self.platform
         on_spline &= ~self.is_sharp(found.points)
