@@ -209,8 +209,8 @@ def _bounds(half: Floats, middle: Floats, warps: Warps) -> tuple[Floats, Floats]
     ends = np.array([LARGEST_TAPER] * 2 * warps.taper + [MOST_ANGLE / half[2]] * 2 * warps.bend)
     turn, pair = np.full(3, LARGEST_TURN), np.ones(2)
     least, most = (
-        [np.log(sizes[0] * half), shapes.LEAST_EXPONENT * pair, -turn, middle - shift, -ends],
-        [np.log(sizes[1] * half), shapes.LARGEST_EXPONENT * pair, turn, middle + shift, ends],
+        [np.log(sizes[0] * half), shapes.MIN_EXPONENT * pair, -turn, middle - shift, -ends],
+        [np.log(sizes[1] * half), shapes.MAX_EXPONENT * pair, turn, middle + shift, ends],
     )
     return np.concatenate(least), np.concatenate(most)
 

@@ -109,7 +109,7 @@ TOUCHING = np.concatenate([CORNERS, -CORNERS[1:]])
     (CORNERS, CUBE[1:], r"faces\[1\] has no neighbour at the edge from vertex 0 to 1"),
     (CORNERS, CUBE[:5], "the surface must be closed"),
     (CORNERS, [CUBE[0][::-1], *CUBE[1:]],
-     r"faces\[0\] and faces\[2\] both walk the edge from vertex 0 to 1 in this direction"),
+     r"faces\[0\] and faces\[2\] both pass the edge from vertex 0 to 1 in this direction"),
     (TOUCHING, [*CUBE, *[[c and c + 7 for c in face[::-1]] for face in CUBE]],
      r"vertices\[0\] joins 2 parts of the surface that only touch there"),
 ])  # fmt: skip
