@@ -250,8 +250,7 @@ def profile_mesh(
 ) -> Mesh:
     """A swept outline, closed by plane ends or, where the scale is 0, an apex; then sheared.
 
-    `side_rings`, `cap_rings`: number of rings of the side, and of an end, over the points of a
-    ring.
+    `side_rings`, `cap_rings`: rings of the side, and of an end, over the points of a ring.
     """
     around = max(2 ** (level + 2), 8)
     size, height = _profile(scale, int(side_rings * around), int(cap_rings * around))

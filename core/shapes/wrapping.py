@@ -3,10 +3,10 @@
 Meshes that bound no solid still have an outside. Parallel rays from all directions meet it first,
 whatever the orientation of its faces; where both sides of a face are seen, through a hole, the
 majority of rays decides which is outside. The normals at the hits are the gradient of a function
-that is 1 inside and 0 outside, which is found as a solution of Poisson's equation on an even grid
-(Kazhdan, Bolitho and Hoppe, *Poisson surface reconstruction*, 2006); holes and what no ray sees are
-closed as smoothly as may be. The surface at the level of the hits is moved onto the triangles where
-these lie beside it.
+that is 1 inside and 0 outside, which is the solution of Poisson's equation on an even grid
+(Kazhdan, Bolitho and Hoppe, *Poisson surface reconstruction*, 2006); holes and hidden parts are
+closed smoothly. The surface at the level of the hits is moved onto the triangles where they are
+near.
 """
 
 from __future__ import annotations

@@ -32,7 +32,7 @@ class CurveFitSettings:
     the mean weight of the points.
     """
 
-    max_control: int = 100  # default; the system of so many takes 5 ms
+    max_control: int = 100  # by default; their system takes 5 ms
     max_gap_ratio: float = 20.0  # longest chord over the shortest, of even points
     min_noise: float = 1e-9  # that is smoothed by default
     max_residual_ratio: float = 1.5  # residual over noise; larger ones show lost shape

@@ -52,7 +52,7 @@ class PlateauSettings:
     noise_sigmas: float = 4.0  # the same, in standard deviations of a taxel
     min_curvature: float = 0.005  # [1 / pitches] beside them; flatter is a face beside a level one
     min_lines: int = 5  # rows, and columns, of the others that a curvature is known by
-    max_level_share: float = 0.3  # fraction of the taxels around; a face goes on as it was
+    max_level_share: float = 0.3  # fraction of the taxels around; a face continues at its height
     max_opening: float = 0.75 * math.pi  # [rad] without others; a face ends at an edge on one side
 
 

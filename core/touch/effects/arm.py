@@ -88,7 +88,7 @@ class ArmBacklash(Ranged):
 class ArmCompliance(Ranged):
     """The arm bends under the force of a touch, and its encoders do not see it.
 
-    The arm goes on by ``F / k`` after the pad has stopped, along the pad's own z axis.
+    The arm advances by ``F / k`` after the pad has stopped, along the pad's own z axis.
 
     The move is stopped by the compression of the pad, so the touch itself is as it would be with a
     stiff arm; but the encoders say that the pad went farther than it did. The force ``F`` is the

@@ -114,9 +114,9 @@ class Temperature(Ranged):
 
     The speed of sound is ``v = v0 + a dT``, and ``dT = rise (1 - exp(-t / warm_up))``.
 
-    The decoder goes on with the nominal ``v0`` in (1.1): from an echo after ``2 (D - c) / v`` it
-    takes ``D - (D - c) v0 / v``. If the undeformed pad was timed at the same temperature, the error
-    of the thickness cancels and ``c v0 / v`` is left. Values of silicone rubber, as published for
+    The decoder keeps the nominal ``v0`` in (1.1): from an echo after ``2 (D - c) / v`` it takes ``D
+    - (D - c) v0 / v``. If the undeformed pad was timed at the same temperature, the error of the
+    thickness cancels and ``c v0 / v`` is left. Values of silicone rubber, as published for
     underwater acoustics. Without a new zero, 5 K are 46 um at 3 mm, the same on every taxel.
     """
 

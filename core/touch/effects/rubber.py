@@ -36,7 +36,7 @@ class HalfSpace(Ranged):
     surface indents the face by ``g``, and the free face around the contact is drawn down. ``K`` is
     the displacement under uniformly loaded squares (Love, 1929; Johnson, *Contact mechanics*, 1985,
     3.3). On a sphere this is Hertz's contact, whose radius is 0.71 of that of a bed of springs. It
-    replaces the springs' pressures, so it matters for forces, which then no longer tell the
+    replaces the springs' pressures, so it matters for forces, which then no longer give the
     compression by (1.2), and for what is touched around a contact; the truth for a thin bonded pad
     lies between the two.
     """
@@ -185,7 +185,7 @@ class Tenting(Ranged):
 
     About a straight edge ``u`` falls as ``exp(-x / l)`` with ``l = sqrt(T / k)``; at the border of
     the array it ends level. Five-point Laplacian at the pitch, solved exactly. The contact is where
-    there is pressure: listed together with a half-space, that tells where and how hard the pad is
+    there is pressure: listed together with a half-space, that gives where and how hard the pad is
     touched, and this how its face falls beside it. An engineering value. At edges and corners the
     skirt reads as a rounding of half a millimetre, which would be traced as if it were the object
     by a decoder that does not know of it.
