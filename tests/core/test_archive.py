@@ -38,12 +38,12 @@ def again(tree: object) -> object:
     return archive.tree_from_arrays(kept(tree))
 
 
-def are_same(one: object, other: object) -> bool:
-    return np.array_equal(archive.tree_to_bytes(one), archive.tree_to_bytes(other))
+def are_same(item: object, other: object) -> bool:
+    return np.array_equal(archive.tree_to_bytes(item), archive.tree_to_bytes(other))
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_a_solid_comes_back_to_the_last_bit(method: str):
+def test_solid_round_trip_is_bit_identical(method: str):
     solid = solid_by(method)
     data = archive.tree_to_bytes(solid)
     assert data.dtype == np.uint8 and np.array_equal(data, archive.tree_to_bytes(solid))
@@ -107,8 +107,8 @@ def test_archives_name_classes_without_their_modules():
     assert [archive.class_name(kind) for kind in (moved, Foreign, int)] == [None] * 3
     arrays = kept(solid_by("skin"))  # with the older name of its class
     older = str(arrays[FORM]).replace('"class":"LatticeSolid"', '"class":"Solid"', 1)
-    found = archive.tree_from_arrays({**arrays, FORM: np.array(older)})
-    assert isinstance(found, rebuild.LatticeSolid) and older != str(arrays[FORM])
+    result = archive.tree_from_arrays({**arrays, FORM: np.array(older)})
+    assert isinstance(result, rebuild.LatticeSolid) and older != str(arrays[FORM])
 
 
 @dataclass
@@ -172,6 +172,6 @@ REFUSED: list[tuple[Callable[[], object], str]] = [
 
 
 @pytest.mark.parametrize(("call", "words"), REFUSED)
-def test_anything_else_is_refused(call: Callable[[], object], words: str):
+def test_invalid_archives_are_refused(call: Callable[[], object], words: str):
     with pytest.raises(ValueError, match=words):
         call()

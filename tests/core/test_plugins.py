@@ -52,7 +52,7 @@ def test_errors_name_the_last_line_of_user_code():
     assert describe_error(caught.value).endswith("(script.py:1)")
 
 
-def test_ranges_are_read_off_the_fields():
+def test_ranges_are_read_from_annotations():
     length, share = Range(0.0, 2e-3, "m"), Range(0.1, 0.9, "1")
     assert ranges_of(Described) == {"length": length, "share": share, "count": Range(1, 32, "1")}
     assert (str(length), str(share)) == ("0 to 0.002 m", "0.1 to 0.9")
@@ -62,8 +62,8 @@ def test_ranges_are_read_off_the_fields():
 
 
 def test_texts_with_units_are_read():
-    given = {"length": "0.5mm", "share": "0.5", "free": "1mm", "other": "2mm"}
-    assert in_base_units(Described, given) == {**given, "length": 5e-4}
+    options = {"length": "0.5mm", "share": "0.5", "free": "1mm", "other": "2mm"}
+    assert in_base_units(Described, options) == {**options, "length": 5e-4}
     exact = {"10um": 1e-5, "10 µm": 1e-5, "1e1 μm": 1e-5, "+2.5in": 0.0635, " .5 cm ": 0.005}
     assert {text: in_base_unit(text, UNITS["m"]) for text in exact} == exact
     assert in_base_unit("-5 min", UNITS["s"]) == -300.0
