@@ -38,8 +38,8 @@ def again(tree: object) -> object:
     return archive.tree_from_arrays(kept(tree))
 
 
-def are_same(item: object, other: object) -> bool:
-    return np.array_equal(archive.tree_to_bytes(item), archive.tree_to_bytes(other))
+def are_same(first: object, second: object) -> bool:
+    return np.array_equal(archive.tree_to_bytes(first), archive.tree_to_bytes(second))
 
 
 @pytest.mark.parametrize("method", METHODS)

@@ -85,11 +85,11 @@ def test_jacobians_are_those_of_finite_differences(angle: float):
 
 def test_poses_compose_as_transformations():
     points = np.random.default_rng(1).normal(size=(20, 3))
-    for number, (item, two) in enumerate(zip(RANDOM[:30], RANDOM[30:], strict=True)):
-        outer = Pose(np.array([0.1, number, 0.3]), item.as_matrix())
-        inner = Pose(np.array([-0.3, 0.0, 0.1]), two.as_matrix())
+    for number, (first, second) in enumerate(zip(RANDOM[:30], RANDOM[30:], strict=True)):
+        outer = Pose(np.array([0.1, number, 0.3]), first.as_matrix())
+        inner = Pose(np.array([-0.3, 0.0, 0.1]), second.as_matrix())
         assert np.allclose(
-            outer.to_outer(points), item.apply(points) + outer.position, rtol=0, atol=1e-13
+            outer.to_outer(points), first.apply(points) + outer.position, rtol=0, atol=1e-13
         )
         twice = outer.to_outer(inner.to_outer(points))
         assert np.allclose((outer @ inner).to_outer(points), twice, rtol=0, atol=1e-13)

@@ -192,12 +192,14 @@ def test_samples_are_uniform_by_area():
     assert quarters == pytest.approx([0.25] * 3, abs=5 * (0.25 * 0.75 / 100_000) ** 0.5)
     assert x.min() >= 0.0 and y.min() >= 0.0 and (x + y).max() <= 1.0
     corners = triangle_corners(*SPHERE)
-    item, other = (sample_surface(corners, 20_000, np.random.default_rng(4)) for _ in range(2))
-    assert item.points.tobytes() == other.points.tobytes()
-    normals = areas_and_normals(corners)[1][item.faces]
-    assert np.abs(((item.points - corners[item.faces, 0]) * normals).sum(axis=1)).max() < 1e-15
+    samples, other = (sample_surface(corners, 20_000, np.random.default_rng(4)) for _ in range(2))
+    assert samples.points.tobytes() == other.points.tobytes()
+    normals = areas_and_normals(corners)[1][samples.faces]
+    assert (
+        np.abs(((samples.points - corners[samples.faces, 0]) * normals).sum(axis=1)).max() < 1e-15
+    )
     # 40 mm / sqrt(3 * 20000) = 0.16 mm would be the deviation of a plain sample.
-    assert np.abs(item.points.mean(axis=0)).max() < 5 * 0.16e-3
+    assert np.abs(samples.points.mean(axis=0)).max() < 5 * 0.16e-3
     with pytest.raises(ValueError, match="must have an area to be sampled, got 0"):
         sample_surface(np.zeros((2, 3, 3)), 10, np.random.default_rng(0))
 

@@ -171,11 +171,11 @@ def pierces(begin: Floats, end: Floats, triangle: Floats) -> bool:
     return min(sides) > 0.0 or max(sides) < 0.0
 
 
-def cross(item: Floats, other: Floats) -> bool:
+def cross(triangle: Floats, other: Floats) -> bool:
     """Whether an edge of one triangle goes through the inside of the other."""
     return any(
         pierces(begin, end, second)
-        for first, second in ((item, other), (other, item))
+        for first, second in ((triangle, other), (other, triangle))
         for begin, end in zip(first, np.roll(first, -1, axis=0), strict=True)
     )
 

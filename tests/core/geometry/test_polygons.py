@@ -44,8 +44,8 @@ def lobes(depth: float, count: int = 3000) -> Floats:
     return plane(angle, 1.0 + depth * np.cos(3 * angle))
 
 
-def refined(polygon: Floats, single: int = 50) -> Floats:
-    share = np.arange(single)[:, None, None] / single
+def refined(polygon: Floats, per_edge: int = 50) -> Floats:
+    share = np.arange(per_edge)[:, None, None] / per_edge
     fine = polygon + share * (np.roll(polygon, -1, axis=0) - polygon)
     return fine.transpose(1, 0, 2).reshape(-1, 2)
 
@@ -69,8 +69,8 @@ def test_centroid_is_that_of_the_triangles_and_moves_along(seed: int, scale: flo
     moved = scale * figure @ rotation.T + shift
     centroid = scale * rotation @ wanted + shift
     listed = moved[::-1], np.roll(moved, 5, axis=0), np.vstack([moved, moved[:1]])
-    for item in (moved, *listed, np.column_stack([moved, np.full(12, 7.0)])):
-        assert np.allclose(area_centroid(item), centroid, rtol=0, atol=1e-11 * scale)
+    for contour in (moved, *listed, np.column_stack([moved, np.full(12, 7.0)])):
+        assert np.allclose(area_centroid(contour), centroid, rtol=0, atol=1e-11 * scale)
     both = area_centroids(np.stack([figure, moved]))
     assert np.allclose(both, [wanted, centroid], rtol=0, atol=1e-11 * scale)
 

@@ -76,10 +76,10 @@ def test_smallest_rotation_takes_one_direction_to_another():
     rng = np.random.default_rng(0)
     for before in (*rng.normal(size=(5, 3)), [0.0, 0.0, 1.0]):
         for after in (*rng.normal(size=(5, 3)), [0.0, 0.0, -1.0], before):
-            item, two = (np.array(each) / np.linalg.norm(each) for each in (before, after))
-            turn = rotation_between(item, two)
-            assert turn @ item == pytest.approx(two, abs=1e-9)
+            direction, target = (np.array(each) / np.linalg.norm(each) for each in (before, after))
+            turn = rotation_between(direction, target)
+            assert turn @ direction == pytest.approx(target, abs=1e-9)
             assert turn.T @ turn == pytest.approx(np.eye(3), abs=1e-9)
             assert np.linalg.det(turn) == pytest.approx(1.0)
             cosine = 0.5 * (np.trace(turn) - 1.0)
-            assert cosine == pytest.approx(float(item @ two), abs=1e-9)
+            assert cosine == pytest.approx(float(direction @ target), abs=1e-9)

@@ -128,9 +128,9 @@ def test_slopes_of_r_functions_are_those_of_differences(omega, smoothness):
     f1, f2 = f1[keep], f2[keep]
     for function, slopes in ((conjunction, conjunction_slopes), (disjunction, disjunction_slopes)):
         result = slopes(f1, f2, omega, smoothness=smoothness)
-        for slope, item, two in zip(result, (step, 0.0), (0.0, step), strict=True):
-            ahead = function(f1 + item, f2 + two, omega, smoothness=smoothness)
-            back = function(f1 - item, f2 - two, omega, smoothness=smoothness)
+        for slope, d1, d2 in zip(result, (step, 0.0), (0.0, step), strict=True):
+            ahead = function(f1 + d1, f2 + d2, omega, smoothness=smoothness)
+            back = function(f1 - d1, f2 - d2, omega, smoothness=smoothness)
             assert np.allclose(slope, (ahead - back) / (2 * step), rtol=1e-5, atol=1e-7)
     times = (f1**2 + f2**2) ** (smoothness / 2)
     smooth = conjunction(f1, f2, omega, smoothness=smoothness)

@@ -78,8 +78,8 @@ def test_small_holes_and_small_crossings_are_closed():
     vertices, faces, order = fine_pole()
     near = np.flatnonzero((faces == order[20]).any(axis=1))
     two = [n for n in near if len({*faces[near[0]], *faces[n]}) in (3, 4)][:2]
-    item, other = (set(faces[n].tolist()) for n in two)
-    swapped = [*(item - other), *((item & other) - {int(order[20])})]
+    corners, other = (set(faces[n].tolist()) for n in two)
+    swapped = [*(corners - other), *((corners & other) - {int(order[20])})]
     vertices[swapped] = vertices[swapped[::-1]]
     open_ones = np.delete(faces, two, axis=0)
     assert "closed" in mends_of((vertices, open_ones), whole, rtol=1e-3)

@@ -184,13 +184,13 @@ def test_square_roots_are_taken_only_at_corners():
 def test_even_points_across_corners_have_even_parameters():
     points, even = square((np.arange(26) + 0.3) / 26), np.arange(26) / 26
     assert np.abs(curve_parameters(points, "chord") - even).max() > 0.005
-    for item in (points, points + 0.01 * np.random.default_rng(0).normal(size=points.shape)):
-        assert np.array_equal(curve_parameters(item, "even"), even)
+    for contour in (points, points + 0.01 * np.random.default_rng(0).normal(size=points.shape)):
+        assert np.array_equal(curve_parameters(contour, "even"), even)
     turns = np.arange(30) / 30
-    for item in (circle(turns) * [1, 3], circle(np.delete(turns, [4, 5])), CORNERS * [1, 3]):
-        result, auto = curve_parameters(item, "even"), curve_parameters(item, "auto")
+    for uneven in (circle(turns) * [1, 3], circle(np.delete(turns, [4, 5])), CORNERS * [1, 3]):
+        result, auto = curve_parameters(uneven, "even"), curve_parameters(uneven, "auto")
         assert np.array_equal(result, auto)
-        assert not np.allclose(result, np.arange(len(item)) / len(item), atol=1e-3)
+        assert not np.allclose(result, np.arange(len(uneven)) / len(uneven), atol=1e-3)
 
 
 def test_local_noise_is_measured_without_shape():

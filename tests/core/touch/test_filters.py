@@ -125,10 +125,10 @@ PAIRS += [[(0, 0), (0, 1)], [(14, 6), (15, 6)]]
 @pytest.mark.parametrize("value", [0.0, DEEPEST])
 def test_two_impulses_side_by_side_are_both_found(pair, value):
     frame = SHALLOW + NOISE * white(2)
-    for item in pair:
-        frame[item] = value
+    for taxel in pair:
+        frame[taxel] = value
     result = remove_impulses(FLAT, frame, CONTACT, NOISE)
-    assert [tuple(item) for item in np.argwhere(result.impulses).tolist()] == pair
+    assert [tuple(taxel) for taxel in np.argwhere(result.impulses).tolist()] == pair
     assert np.abs(result.image - SHALLOW).max() < 0.1e-3
 
 

@@ -147,8 +147,8 @@ def test_saturation_clips_compression_and_pressure_alike(deepest, before, after)
 
 
 def tented(tip: Fingertip, field: Floats, contact: Bools, decay: float = 1e-3) -> Floats:
-    item = touch(field=field, pressure=np.where(contact, 1e4, 0.0))
-    return applied("tenting", item, tip, decay=decay).compression
+    made = touch(field=field, pressure=np.where(contact, 1e4, 0.0))
+    return applied("tenting", made, tip, decay=decay).compression
 
 
 def membrane(field: Floats, contact: Bools, stiffness: float) -> Floats:
