@@ -261,10 +261,8 @@ def test_area_samples_are_uniform_and_reproducible(e, taper, curvature):
     def deviations(sampled: Floats) -> Floats:
         """Of the features' means from those over the area, in standard errors."""
         wanted = areas @ features(vertices[faces].mean(axis=1)) / areas.sum()
-        result = features(sampled)
-        return np.asarray(
-            (result.mean(axis=0) - wanted) / (result.std(axis=0) / len(result) ** 0.5)
-        )
+        drawn = features(sampled)
+        return np.asarray((drawn.mean(axis=0) - wanted) / (drawn.std(axis=0) / len(drawn) ** 0.5))
 
     sampled = shapes.area_samples(surface, 20_000, np.random.default_rng(0))
     assert np.abs(solid.gauge(sampled) - 1.0).max() < 1e-12

@@ -146,10 +146,8 @@ def test_weak_smoothing_moves_parameters_to_the_nearest_places():
     turns = np.arange(60) / 60
     wrong = np.mod(turns + 0.004 * np.sin(6 * np.pi * turns), 1.0)
     points = ellipse(turns)
-    fits = [
-        fit_closed_least_squares(points, wrong, 12, one)
-        for one in (1e-4, DEFAULT_CURVE_FIT.min_smoothing)
-    ]
+    strengths = 1e-4, DEFAULT_CURVE_FIT.min_smoothing
+    fits = [fit_closed_least_squares(points, wrong, 12, strength) for strength in strengths]
     along = []
     for fit in fits:
         places, slopes = (

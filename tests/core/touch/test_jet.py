@@ -107,9 +107,8 @@ def test_factors_are_the_exact_covariance_of_linear_least_squares(count):
 def test_deviation_is_the_noise_whatever_the_degree():
     rng = np.random.default_rng(2)
     for count in (12, 30, 45, 256):
-        result = [
-            fit_jet(FLAT, NOISE * one, first(count)) for one in rng.normal(size=(300, 16, 16))
-        ]
+        frames = NOISE * rng.normal(size=(300, 16, 16))
+        result = [fit_jet(FLAT, frame, first(count)) for frame in frames]
         freedom = count - result[0].jet.coefficients.size
         assert freedom * result[0].deviation ** 2 == pytest.approx(np.sum(result[0].misfit ** 2))
         assert count * result[0].residual ** 2 == pytest.approx(np.sum(result[0].misfit ** 2))

@@ -70,9 +70,8 @@ def test_ideal_touch_is_its_guarded_move(options, signal):
     assert np.array_equal(contact.compression, end.compression)
     assert np.allclose(contact.reading, end.compression, rtol=1e-15, atol=0.0)
     assert np.allclose(contact.pressure * 0.9e-3**2, 200.0 * end.compression, rtol=1e-14)
-    assert np.allclose(
-        contact.believed.position, elsewhere.position - [0, 0, end.advance], atol=1e-16
-    )
+    moved = contact.believed.position - elsewhere.position
+    assert np.allclose(moved, [0, 0, -end.advance], atol=1e-16)
     assert np.array_equal(contact.believed.axes, elsewhere.axes) and contact.copies == 1
 
 

@@ -104,9 +104,8 @@ def test_believed_pose_is_too_deep_by_force_over_stiffness():
             contact = touch(field=field, pressure=5e7 * field, believed=end, actual=end)
             applied("arm_compliance", contact, tip, stiffness=stiffness)
             bent = 5e3 * (16 * 0.8e-3) ** 2 / stiffness
-            assert np.allclose(
-                contact.believed.position - end.position, bent * axes[:, 2], atol=1e-16
-            )
+            moved = contact.believed.position - end.position
+            assert np.allclose(moved, bent * axes[:, 2], atol=1e-16)
             assert np.array_equal(contact.believed.axes, end.axes) and np.array_equal(
                 contact.actual.array, end.array
             )

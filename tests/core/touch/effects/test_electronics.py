@@ -91,9 +91,8 @@ def test_impulses_have_their_rate_and_both_signs(rate):
 def test_dead_and_stuck_taxels_come_at_their_rates():
     tips = [finger(number=number) for number in range(1, 41)]
     options = {"rate": 0.1, "stuck": 0.05}
-    result = np.array(
-        [readings(stage("dead_taxels", tip, **options), -LEVEL, 1)[0] for tip in tips]
-    )
+    stages = [stage("dead_taxels", tip, **options) for tip in tips]
+    result = np.array([readings(made, -LEVEL, 1)[0] for made in stages])
     dead, stuck = result == 0.0, result > 0.0
     assert is_share(dead, 0.1) and is_share(stuck, 0.05)
     # Uniform from 0 to full scale: the mean is the half, the variance a twelfth.
