@@ -1,9 +1,9 @@
-"""Any tree of this package's values as flat arrays with names, or as bytes, and back, bit for bit.
+"""Archives: a tree of this package's values as named arrays or bytes, and back, bit for bit.
 
-The tree's form is one text, which names the class of each node; every array lies beside it under
-its path, ``solid/evidence/noise``. What is read may be from anybody: only dataclasses and named
-tuples of `palpate.core` are built, by their own constructors, and nothing is ever run. A class goes
-by its own name alone, so that its module may move and every archive is still read.
+The tree's structure is one JSON text, which names the class of each node; each array is stored
+beside it under its path, ``solid/evidence/noise``. Archives may be from untrusted sources: only
+dataclasses and named tuples of `palpate.core` are built, by their own constructors, and no other
+code runs. Classes are stored by name without module, so that archives stay readable if one moves.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 import numpy as np
 from numpy.typing import NDArray
 
-VERSION = 1  # Of the format
-FORM_KEY = "form"  # Name of the text that tells the tree's form
-ROOT = "solid"  # Path of the tree itself
-NUMERIC = "fiub"  # Kinds of arrays that are kept: floats, integers and truth values
+FORMAT_VERSION = 1
+FORM_KEY = "form"  # name of the text with the tree's structure
+ROOT = "solid"  # path of the tree itself
+NUMERIC_KINDS = "fiub"  # of arrays that can be stored: floats, integers and truth values
 Arrays = dict[str, NDArray[np.generic]]
-RENAMED: Mapping[str, str] = {"Solid": "LatticeSolid"}  # Names in older archives, and today's
-# What stands for each kind of number.
+RENAMED: Mapping[str, str] = {"Solid": "LatticeSolid"}  # old names to current ones
+# Types accepted for each kind of number.
 NUMBER_TYPES: dict[type, tuple[type, ...]] = {
     float: (float, int, np.floating, np.integer),
     int: (int, np.integer),
@@ -40,24 +40,25 @@ NUMBER_TYPES: dict[type, tuple[type, ...]] = {
 
 
 def tree_to_arrays(tree: object) -> Arrays:
-    """Flat arrays that hold a whole tree.
+    """Flat arrays that store a whole tree.
 
     `tree`: dataclasses and named tuples of `palpate.core`, tuples, lists, dicts with texts as keys,
     numbers, texts, None and numeric arrays, in any depth. Returns arrays by path, and the tree's
-    form under ``form``. Raises ValueError with the path of anything else, a function for example.
+    structure under ``form``. Raises ValueError with the path of any other value, such as a
+    function.
     """
     writer = _Writer()
-    form = {"version": VERSION, "tree": writer.node(tree, ROOT)}
+    form = {"version": FORMAT_VERSION, "tree": writer.node(tree, ROOT)}
     text = json.dumps(form, allow_nan=False, separators=(",", ":"))
     return {FORM_KEY: np.array(text), **writer.arrays}
 
 
 def tree_from_arrays(arrays: Mapping[str, NDArray[np.generic]]) -> Any:
-    """The tree that `tree_to_arrays` was given.
+    """The tree from the result of `tree_to_arrays`.
 
-    `arrays`: what `tree_to_arrays` returned; other arrays may lie beside. Raises ValueError if
-    there is no form or it is of another version, if an array is missing, if a class is unknown or
-    has other fields here, or if a class refuses what it is given.
+    `arrays`: may contain other arrays too. Raises ValueError if there is no structure or it is of
+    another version, if an array is missing, if a class is unknown or has other fields now, or if a
+    constructor fails.
     """
     if FORM_KEY not in arrays or arrays[FORM_KEY].dtype.kind != "U" or arrays[FORM_KEY].ndim:
         raise ValueError(f"an archive must have the text {FORM_KEY!r}, got none")
@@ -66,9 +67,11 @@ def tree_from_arrays(arrays: Mapping[str, NDArray[np.generic]]) -> Any:
     except (ValueError, RecursionError) as error:
         raise ValueError(f"the archive's form must be JSON: {error}") from None
     if not isinstance(form, dict) or form.keys() != {"version", "tree"}:
-        raise ValueError("the archive's form must tell its version and its tree")
-    if form["version"] != VERSION:
-        raise ValueError(f"the archive's version must be {VERSION}, got {form['version']!r:.20}")
+        raise ValueError("the archive's form must have a version and a tree")
+    if form["version"] != FORMAT_VERSION:
+        raise ValueError(
+            f"the archive's version must be {FORMAT_VERSION}, got {form['version']!r:.20}"
+        )
     try:
         return _Reader(arrays).value(form["tree"], ROOT)
     except RecursionError:
@@ -76,15 +79,15 @@ def tree_from_arrays(arrays: Mapping[str, NDArray[np.generic]]) -> Any:
 
 
 class _Writer:
-    """Puts arrays aside while a tree is walked, each only once."""
+    """Collects the arrays of a tree, each only once."""
 
     def __init__(self) -> None:
         self.arrays: Arrays = {}
-        # The objects are kept as well, lest a new one gets the number of one that is gone.
+        # The objects are kept alive, so that their ids stay unique.
         self._known: dict[int, tuple[str, object]] = {}
 
     def node(self, value: object, path: str) -> Any:
-        """What the form says of a value."""
+        """Node of a value in the structure."""
         if value is None or type(value) in (bool, int, str):
             return value
         if type(value) is float:
@@ -104,14 +107,14 @@ class _Writer:
             return {"dict": {key: self.node(item, f"{path}/{key}") for key, item in value.items()}}
         name = class_name(type(value))
         if name is None:
-            raise ValueError(f"{path} cannot be kept: it is a {type(value).__qualname__}")
+            raise ValueError(f"{path} cannot be stored: it is a {type(value).__qualname__}")
         fields = field_names(type(value))
         parts = {field: self.node(getattr(value, field), f"{path}/{field}") for field in fields}
         return {"class": name, "fields": parts}
 
     def _array(self, value: np.ndarray[Any, Any] | np.generic, path: str) -> Any:
-        """An array in the order in which it lies in memory, on which roundings may depend."""
-        if value.dtype.kind not in NUMERIC:
+        """Node of an array, stored in its memory order, on which rounding may depend."""
+        if value.dtype.kind not in NUMERIC_KINDS:
             raise ValueError(f"{path} must be an array of numbers, got {value.dtype}")
         kept = np.asarray(value)
         order = sorted(range(kept.ndim), key=lambda axis: (-abs(kept.strides[axis]), axis))
@@ -124,14 +127,14 @@ class _Writer:
 
 
 class _Reader:
-    """Builds a tree from its form."""
+    """Builds a tree from its structure."""
 
     def __init__(self, arrays: Mapping[str, NDArray[np.generic]]):
         self._arrays = arrays
         self._built: dict[str, object] = {}
 
     def value(self, node: Any, path: str) -> Any:
-        """What a part of the form stands for."""
+        """Value of a node."""
         if node is None or isinstance(node, bool | int | float | str):
             return node
         if not isinstance(node, dict) or not node:
@@ -141,8 +144,8 @@ class _Reader:
 
     def _build(self, node: dict[str, Any], path: str) -> object:
         match node:
-            case {"same": str(other)} if other in self._built:
-                return self._built[other]
+            case {"same": str(earlier)} if earlier in self._built:
+                return self._built[earlier]
             case {"float": "inf" | "-inf" | "nan" as text}:
                 return float(text)
             case {"scalar": str(name)}:
@@ -162,63 +165,63 @@ class _Reader:
     def _array(self, name: str, path: str) -> NDArray[np.generic]:
         if name not in self._arrays:
             raise ValueError(f"{path} of the archive is missing: there is no array {name!r:.80}")
-        found = self._arrays[name]
-        if found.dtype.kind not in NUMERIC:
-            raise ValueError(f"{path} of the archive must be numbers, got {found.dtype}")
-        return found
+        array = self._arrays[name]
+        if array.dtype.kind not in NUMERIC_KINDS:
+            raise ValueError(f"{path} of the archive must be numbers, got {array.dtype}")
+        return array
 
-    def _ordered(self, found: NDArray[np.generic], order: Any, path: str) -> NDArray[np.generic]:
+    def _ordered(self, array: NDArray[np.generic], order: Any, path: str) -> NDArray[np.generic]:
         if order is None:
-            return found
-        if not isinstance(order, list) or sorted(order, key=repr) != list(range(found.ndim)):
+            return array
+        if not isinstance(order, list) or sorted(order, key=repr) != list(range(array.ndim)):
             raise ValueError(f"{path} of the archive must have its axes in an order, got {order}")
-        return found.transpose(np.argsort(order))
+        return array.transpose(np.argsort(order))
 
     def _instance(self, name: str, fields: dict[str, Any], path: str) -> object:
-        found = class_named(name)
-        wanted = field_names(found)
-        if set(fields) != set(wanted):
-            odd = ", ".join(sorted(set(fields) ^ set(wanted)))
+        kind = class_named(name)
+        expected = field_names(kind)
+        if set(fields) != set(expected):
+            odd = ", ".join(sorted(set(fields) ^ set(expected)))
             raise ValueError(f"{path} of the archive is a {name} of another version: {odd}")
         parts = {field: self.value(node, f"{path}/{field}") for field, node in fields.items()}
-        hints = declared_types(found)
+        hints = declared_types(kind)
         for field, part in parts.items():
             if not fits_type(part, hints.get(field, Any)):
                 raise ValueError(f"{path}/{field} of the archive cannot be a {type(part).__name__}")
         try:
-            return found(**parts)
+            return kind(**parts)
         except (TypeError, AttributeError, IndexError, ArithmeticError) as error:
             raise ValueError(f"{path} of the archive is no {name}: {error}") from None
 
 
 def class_named(name: str) -> type:
-    """The class of a name; ValueError if there is none, or archives do not hold it."""
-    found: list[type] = [
+    """Class with a name; ValueError if there is none, or archives cannot store it."""
+    kinds: list[type] = [
         kind
-        for module in _homes().get(RENAMED.get(name, name), ())
+        for module in _modules().get(RENAMED.get(name, name), ())
         if _is_record(kind := getattr(importlib.import_module(module), RENAMED.get(name, name)))
     ]
-    if len(found) != 1:
+    if len(kinds) != 1:
         raise ValueError(f"archives hold no class {name!r:.80}")
-    return found[0]
+    return kinds[0]
 
 
 def class_name(kind: type) -> str | None:
-    """Name of a class in archives; None if they do not hold it."""
+    """Name of a class in archives; None if they cannot store it."""
     name = kind.__qualname__
-    kept = kind.__module__ in _homes().get(name, ()) and _is_record(kind)
-    return name if kept and class_named(name) is kind else None
+    is_stored = kind.__module__ in _modules().get(name, ()) and _is_record(kind)
+    return name if is_stored and class_named(name) is kind else None
 
 
 @cache
-def _homes() -> dict[str, list[str]]:
-    """Modules of core by the classes that stand in them, read off the sources."""
-    root, homes = Path(__file__).parent, dict[str, list[str]]()
+def _modules() -> dict[str, list[str]]:
+    """Modules of core by the names of their classes, read from the sources."""
+    root, modules = Path(__file__).parent, dict[str, list[str]]()
     for path in sorted(root.rglob("*.py")):
         module = ".".join(("palpate.core", *path.relative_to(root).with_suffix("").parts))
         for name in re.findall(r"^class (\w+)", path.read_text(encoding="utf-8"), re.MULTILINE):
-            homes.setdefault(name, []).append(module)
-    return homes
+            modules.setdefault(name, []).append(module)
+    return modules
 
 
 def _is_record(kind: type) -> bool:
@@ -226,7 +229,7 @@ def _is_record(kind: type) -> bool:
 
 
 def field_names(kind: type) -> tuple[str, ...]:
-    """Fields with which an instance is made; others are computed from them."""
+    """Fields of the constructor; all others are computed from them."""
     if dataclasses.is_dataclass(kind):
         return tuple(field.name for field in dataclasses.fields(kind) if field.init)
     fields: tuple[str, ...] = kind._fields  # type: ignore[attr-defined]
@@ -235,7 +238,7 @@ def field_names(kind: type) -> tuple[str, ...]:
 
 @cache
 def declared_types(kind: type) -> dict[str, Any]:
-    """What the fields of a class are declared to hold; nothing where that cannot be told."""
+    """Declared types of a class's fields; empty where they cannot be resolved."""
     try:
         return get_type_hints(kind)
     except NameError:  # a name that is imported for checkers alone
@@ -243,19 +246,19 @@ def declared_types(kind: type) -> dict[str, Any]:
 
 
 def tree_to_bytes(tree: object) -> NDArray[np.uint8]:
-    """Bytes (n,) that hold a tree, the same for the same tree; errors as of `tree_to_arrays`."""
+    """Bytes (n,) of a tree, equal for equal trees; errors as of `tree_to_arrays`."""
     return arrays_to_bytes(tree_to_arrays(tree))
 
 
 def arrays_to_bytes(arrays: Mapping[str, NDArray[np.generic]]) -> NDArray[np.uint8]:
-    """Bytes (n,) that hold the arrays of a tree, for `arrays_from_bytes`."""
+    """Bytes (n,) of a tree's arrays, for `arrays_from_bytes`."""
     data = io.BytesIO()
     np.savez(data, allow_pickle=False, **arrays)
     return np.frombuffer(data.getvalue(), np.uint8)
 
 
 def arrays_from_bytes(data: NDArray[np.uint8]) -> Arrays:
-    """The arrays in bytes that `tree_to_bytes` returned, for `from_arrays`, or ValueError."""
+    """Arrays for `tree_from_arrays`, from bytes of `tree_to_bytes`; ValueError for other bytes."""
     try:
         with np.load(io.BytesIO(data.tobytes()), allow_pickle=False) as arrays:
             return {name: arrays[name] for name in arrays.files}
@@ -264,7 +267,7 @@ def arrays_from_bytes(data: NDArray[np.uint8]) -> Arrays:
 
 
 def fits_type(value: object, hint: Any) -> bool:
-    """Whether a value may be held by what is declared so; True for what is not understood."""
+    """Whether a value has the type of a declaration; True for declarations of other kinds."""
     origin, args = get_origin(hint), get_args(hint)
     if hint is Any:
         return True

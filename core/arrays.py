@@ -1,8 +1,8 @@
 """Array types, the checks that public functions start with, and the spread of errors.
 
-Half of the errors may be gross before their median follows them (Hampel, *The influence curve and
-its role in robust estimation*, 1974). The constant of normal noise stands here both ways, as
-textbooks round it: multiplying by one differs from dividing by the other in the fifth digit.
+The median resists up to half of gross errors (Hampel, *The influence curve and its role in robust
+estimation*, 1974). The constant of normal noise is defined both ways, as textbooks round it:
+multiplying by one differs from dividing by the other in the fifth digit.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ from numpy.typing import ArrayLike, NDArray
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int32]
 Bools = NDArray[np.bool_]
-MAD_TO_SIGMA = 1.4826  # Standard deviation of normal noise, of its median absolute deviation
-PROBABLE_ERROR = 0.6745  # Median absolute deviation of normal noise, of its standard deviation
+MAD_TO_SIGMA = 1.4826  # standard deviation over median absolute deviation of normal noise
+PROBABLE_ERROR = 0.6745  # median absolute deviation over standard deviation of normal noise
 
 
 def finite_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> Floats:
-    """A finite float array of the wanted shape; None stands for any length.
+    """A finite float array with a shape, in which None is any length.
 
-    Raises ValueError if `value` holds anything but finite real numbers, or has another shape.
+    Raises ValueError if `value` has other entries than finite real numbers, or another shape.
     """
     try:
         array = np.asarray(value)
@@ -49,7 +49,7 @@ def positive(name: str, value: float, unit: str) -> float:
 
 
 def in_metres(name: str, length: float, most: float) -> float:
-    """A length that can be meant in metres; ValueError if it is more than `most`, m."""
+    """A length that is plausible in metres; ValueError if it exceeds `most` [m]."""
     if length > most:
         raise ValueError(
             f"{name} is {length:g} m, and at most {most:g} m is meant here: lengths are in metres; "
@@ -59,7 +59,7 @@ def in_metres(name: str, length: float, most: float) -> float:
 
 
 def check_extent(name: str, points: Floats, most: float) -> None:
-    """Raise ValueError if points (n, 3) span more than `most` [m]: they are hardly in metres."""
+    """Raise ValueError if points (n, 3) span more than `most` [m]: not plausible in metres."""
     span = float(np.ptp(points, axis=0).max()) if len(points) else 0.0
     if span > most:
         raise ValueError(
@@ -76,10 +76,10 @@ def not_negative(name: str, value: float, unit: str) -> float:
 
 
 def scaled_mad(errors: ArrayLike) -> float:
-    """Standard deviation of errors about 0, as 1.4826 times their median size."""
+    """Standard deviation of errors about 0: 1.4826 times their median absolute value."""
     return MAD_TO_SIGMA * float(np.median(np.abs(errors)))
 
 
 def probable_error_sigma(errors: ArrayLike) -> float:
-    """Standard deviation of errors about 0, as their median size over 0.6745."""
+    """Standard deviation of errors about 0: their median absolute value over 0.6745."""
     return float(np.median(np.abs(errors))) / PROBABLE_ERROR

@@ -1,40 +1,52 @@
 """Many small nonlinear least-squares problems, solved side by side: Levenberg and Marquardt.
 
-With Nielsen's damping, bounds and robust losses. All problems that are still under way take their
-next step in one call, so that a hundred starts of one fit, or the inversion of ten thousand points,
-cost little more than one. Own code: scipy's solver takes one problem at a time.
+With Nielsen's damping, bounds and robust losses. All unfinished problems take their next step in
+one call, so that a hundred starts of one fit, or the inversion of ten thousand points, cost little
+more than one. Not scipy's solver, which takes one problem at a time.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from palpate.core.arrays import Bools, Floats, Ints
 
-# Parameters (b, p) of the problems named (b,): residuals (b, m) and Jacobians (b, m, p).
+# Parameters (b, p) of the problems with indices (b,): residuals (b, m) and Jacobians (b, m, p).
 ResidualFunction = Callable[[Floats, Ints], tuple[Floats, Floats]]
-# Squared residuals: what they cost, at most as much, and the derivative of that, up to 1.
+# Squared residuals to their cost, at most as large, and its derivative, at most 1.
 Loss = Callable[[Floats], tuple[Floats, Floats]]
-FIRST_DAMPING = 1e-3  # Of a column's squared length
-MOST_DAMPING = 1e12
-PASSES = 3  # Through the bounds that a step would pass; what passes after the last is cut
-LEAST_COLUMN = 1e-14  # Of the longest column: a parameter that moves residuals less is held so
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MarquardtSettings:
+    """Damping of the normal equations, over the squared lengths of the Jacobian's columns.
+
+    Its changes are those of Nielsen, *Damping parameter in Marquardt's method*, 1999.
+    """
+
+    first_damping: float = 1e-3
+    min_damping: float = 1e-12  # after good steps
+    min_raised: float = 1e-6  # before a bad step multiplies it
+    max_damping: float = 1e12  # larger ones end the iteration
+    n_bound_passes: int = 3  # over steps that exceed bounds; later excesses are clipped
+    min_column: float = 1e-14  # length over the longest column's; shorter ones are raised to it
 
 
 class Solutions(NamedTuple):
-    """Where each problem ended."""
+    """Solution of each problem."""
 
     parameters: Floats  # (b, p)
-    cost: Floats  # Half the sum of what the squared residuals cost, (b,)
-    converged: Bools  # (b,): residuals vanished, no step lowers the cost, or steps did not matter
-    steps: Ints  # Steps tried, (b,)
+    cost: Floats  # half the sum of the squared residuals' costs, (b,)
+    converged: Bools  # (b,): residuals or slope vanish, or steps hardly lower the cost
+    steps: Ints  # that were tried, (b,)
 
 
 class _Running(NamedTuple):
-    """The problems under way."""
+    """Unfinished problems."""
 
     rows: Ints
     parameters: Floats
@@ -45,25 +57,23 @@ class _Running(NamedTuple):
     growth: Floats
 
     def take(self, which: Bools) -> _Running:
-        """Some of them."""
+        """Problems where a mask is set."""
         fields: tuple[Any, ...] = self
         return _Running(*(field[which] for field in fields))
 
-    def where(self, better: Bools, other: _Running) -> _Running:
-        """Those of the others where they are better."""
-        pairs: zip[tuple[Any, Any]] = zip(other, self, strict=True)
-        return _Running(
-            *(np.where(better.reshape(-1, *[1] * (one.ndim - 1)), one, two) for one, two in pairs)
-        )
+    def replaced(self, mask: Bools, new: _Running) -> _Running:
+        """Problems with the fields of `new` where a mask is set."""
+        pairs: zip[tuple[Any, Any]] = zip(new, self, strict=True)
+        return _Running(*(np.where(mask.reshape(-1, *[1] * (a.ndim - 1)), a, b) for a, b in pairs))
 
 
 def linear_loss(squared: Floats) -> tuple[Floats, Floats]:
-    """The plain loss: a squared residual costs itself."""
+    """The quadratic loss."""
     return squared, np.ones_like(squared)
 
 
 def cauchy_loss(scale: float) -> Loss:
-    """A loss that grows like the residual's logarithm where it is larger than the scale."""
+    """A loss that grows like the residual's logarithm above the scale."""
 
     def loss(squared: Floats) -> tuple[Floats, Floats]:
         share = squared / scale**2
@@ -80,21 +90,22 @@ def levenberg_marquardt(
     *,
     loss: Loss = linear_loss,
     steps: int = 60,
-    enough: float = 0.0,
+    min_residual: float = 0.0,
     tolerance: float = 1e-10,
+    settings: MarquardtSettings = MarquardtSettings(),
 ) -> Solutions:
     """Minimise sums of squares, each from its own start and within its own bounds.
 
-    `problem`: residuals and Jacobians of some of the problems. `starts` (b, p): where they begin;
-    moved into the bounds. `low` and `high` (b, p) or (p,): bounds of the parameters; may be
-    infinite. `loss`: what squared residuals cost. `steps`: most steps of each. `enough`: length of
-    the residuals below which a problem is solved. `tolerance`: a problem has converged when no free
-    column of the Jacobian has a larger cosine with the residuals, or when a step promises to lower
-    the cost by less than this squared. A parameter at a bound that it would leave is held for the
-    step; the others' step is cut at their bounds. Damping is in the units of each column, so that
-    the path does not depend on the parameters' units: Marquardt, 1963, where Fung, 1999, (2.16)
-    damps all alike. How it changes: Nielsen, *Damping parameter in Marquardt's method*, 1999. A
-    robust loss weights residuals and Jacobian by the root of its derivative.
+    `problem`: residuals and Jacobians of some of the problems. `starts` (b, p): initial parameters;
+    clipped to the bounds. `low` and `high` (b, p) or (p,): bounds of the parameters; may be
+    infinite. `loss`: cost of squared residuals. `steps`: maximum for each problem. `min_residual`:
+    norm of the residuals below which a problem is solved. `tolerance`: a problem has converged when
+    no free column of the Jacobian has a larger cosine with the residuals, or when the predicted
+    relative reduction of the cost is below its square. A parameter at a bound that it would leave
+    is fixed for the step; other steps are clipped at the bounds. Damping is in the units of each
+    column, so that the path does not depend on the parameters' units: Marquardt, 1963, where Fung,
+    1999, (2.16), damps all columns equally. A robust loss weights residuals and Jacobian by the
+    root of its derivative.
     """
     low, high = np.broadcast_to(low, starts.shape), np.broadcast_to(high, starts.shape)
     parameters = np.clip(starts, low, high)
@@ -102,21 +113,24 @@ def levenberg_marquardt(
     ends = Solutions(
         parameters.copy(), np.zeros(len(rows)), np.zeros(len(rows), bool), np.zeros_like(rows)
     )
-    running = _evaluated(problem, loss, rows, parameters, np.full(len(rows), FIRST_DAMPING))
+    damping = np.full(len(rows), settings.first_damping)
+    running = _evaluated(problem, loss, rows, parameters, damping)
     for _ in range(steps + 1):
-        moves, promised, flat = _moves(running, low[running.rows], high[running.rows], tolerance)
-        small = (promised >= 0.0) & (promised <= tolerance**2 * running.cost)
-        solved = np.einsum("bm,bm->b", running.residuals, running.residuals) <= enough**2
+        bounds = low[running.rows], high[running.rows]
+        moves, predicted, flat = _moves(running, *bounds, tolerance, settings)
+        small = (predicted >= 0.0) & (predicted <= tolerance**2 * running.cost)
+        solved = np.einsum("bm,bm->b", running.residuals, running.residuals) <= min_residual**2
         done = flat | small | solved
-        stopped = done | (running.damping > MOST_DAMPING) | (ends.steps[running.rows] >= steps)
+        stuck = running.damping > settings.max_damping
+        stopped = done | stuck | (ends.steps[running.rows] >= steps)
         rows = running.rows[stopped]
         ends.parameters[rows], ends.cost[rows] = running.parameters[stopped], running.cost[stopped]
         ends.converged[rows] = done[stopped]
         if stopped.all():
             break
-        running, moves, promised = running.take(~stopped), moves[~stopped], promised[~stopped]
+        running, moves, predicted = running.take(~stopped), moves[~stopped], predicted[~stopped]
         ends.steps[running.rows] += 1
-        running = _stepped(problem, loss, running, moves, promised)
+        running = _stepped(problem, loss, running, moves, predicted, settings)
     return ends
 
 
@@ -125,30 +139,34 @@ def _evaluated(
 ) -> _Running:
     """Residuals and Jacobians, weighted by the loss."""
     residuals, jacobian = problem(parameters, rows)
-    dear, weight = loss(residuals * residuals)
+    cost, weight = loss(residuals * residuals)
     root = np.sqrt(weight)
     return _Running(
         rows,
         parameters,
         root * residuals,
         root[:, :, None] * jacobian,
-        0.5 * dear.sum(axis=1),
+        0.5 * cost.sum(axis=1),
         damping,
         np.full(len(rows), 2.0),
     )
 
 
 def _moves(
-    running: _Running, low: Floats, high: Floats, tolerance: float
+    running: _Running,
+    low: Floats,
+    high: Floats,
+    tolerance: float,
+    settings: MarquardtSettings,
 ) -> tuple[Floats, Floats, Bools]:
-    """Steps within the bounds, what they promise to save, and where there is nothing to save."""
+    """Steps within the bounds, their predicted reduction of the cost, and where the slope is 0."""
     jacobian, parameters = running.jacobian, running.parameters
     slope = np.einsum("bmp,bm->bp", jacobian, running.residuals)
     curve = jacobian.transpose(0, 2, 1) @ jacobian
     length = np.sqrt(np.einsum("bpp->bp", curve))
     longest = length.max(axis=1, keepdims=True)
-    # Where no parameter moves anything, any length will do: the step is none.
-    length = np.maximum(length, LEAST_COLUMN * np.where(longest > 0.0, longest, 1.0))
+    # Where no parameter changes any residual, any length serves: the step is 0.
+    length = np.maximum(length, settings.min_column * np.where(longest > 0.0, longest, 1.0))
     held = ((parameters <= low) & (slope > 0.0)) | ((parameters >= high) & (slope < 0.0))
     cosine = np.where(held, 0.0, np.abs(slope) / length)
     size = np.sqrt(np.einsum("bm,bm->b", running.residuals, running.residuals))
@@ -157,44 +175,50 @@ def _moves(
     which = np.arange(scaled.shape[1])
     scaled[:, which, which] = 1.0 + running.damping[:, None]
     room = (low - parameters) * length, (high - parameters) * length
-    moves = _bounded_step(scaled, slope / length, held, room) / length
+    moves = _bounded_step(scaled, slope / length, held, room, settings.n_bound_passes) / length
     moves = np.clip(parameters + moves, low, high) - parameters
     changed = np.einsum("bmp,bp->bm", jacobian, moves)
-    promised = -np.einsum("bp,bp->b", slope, moves) - 0.5 * np.einsum("bm,bm->b", changed, changed)
-    return moves, promised, flat
+    predicted = -np.einsum("bp,bp->b", slope, moves) - 0.5 * np.einsum("bm,bm->b", changed, changed)
+    return moves, predicted, flat
 
 
 def _bounded_step(
-    system: Floats, slope: Floats, held: Bools, room: tuple[Floats, Floats]
+    system: Floats, slope: Floats, held: Bools, room: tuple[Floats, Floats], n_passes: int
 ) -> Floats:
-    """Steps (b, p) that solve the systems; what would pass its bound is put there, others anew."""
+    """Steps (b, p) that solve the systems; steps beyond a bound are fixed there, in passes."""
     moves, which = np.zeros_like(slope), np.arange(slope.shape[1])
-    for _ in range(PASSES):
+    for _ in range(n_passes):
         free = ~held
         right = np.where(held, moves, -slope - np.einsum("bpq,bq->bp", system, moves * held))
         matrix = np.where(free[:, :, None] & free[:, None, :], system, 0.0)
         matrix[:, which, which] = np.where(held, 1.0, system[:, which, which])
         moves = np.linalg.solve(matrix, right[:, :, None])[:, :, 0]
-        cut = np.clip(moves, *room)
-        passed = free & (cut != moves)
-        moves, held = cut, held | passed
-        if not passed.any():
+        clipped = np.clip(moves, *room)
+        exceeds = free & (clipped != moves)
+        moves, held = clipped, held | exceeds
+        if not exceeds.any():
             break
     return moves
 
 
 def _stepped(
-    problem: ResidualFunction, loss: Loss, running: _Running, moves: Floats, promised: Floats
+    problem: ResidualFunction,
+    loss: Loss,
+    running: _Running,
+    moves: Floats,
+    predicted: Floats,
+    settings: MarquardtSettings,
 ) -> _Running:
     """The problems after a step; where the cost did not fall they stay and are damped more."""
     moved = running.parameters + moves
     ahead = _evaluated(problem, loss, running.rows, moved, running.damping.copy())
-    saved = running.cost - ahead.cost
-    better = saved > 0.0
+    reduction = running.cost - ahead.cost
+    better = reduction > 0.0
     with np.errstate(divide="ignore", invalid="ignore"):
-        quality = np.where(better, saved / promised, 0.0)
-    eased = np.maximum(1.0 / 3.0, 1.0 - (2.0 * np.clip(quality, 0.0, 1.0) - 1.0) ** 3)
-    ahead = ahead._replace(damping=np.maximum(running.damping * eased, 1e-12))
-    damping = np.maximum(running.damping, 1e-6) * running.growth
+        gain_ratio = np.where(better, reduction / predicted, 0.0)
+    factor = np.maximum(1.0 / 3.0, 1.0 - (2.0 * np.clip(gain_ratio, 0.0, 1.0) - 1.0) ** 3)
+    damping = np.maximum(running.damping * factor, settings.min_damping)
+    ahead = ahead._replace(damping=damping)
+    damping = np.maximum(running.damping, settings.min_raised) * running.growth
     kept = running._replace(damping=damping, growth=2.0 * running.growth)
-    return kept.where(better, ahead)
+    return kept.replaced(better, ahead)

@@ -1,8 +1,8 @@
 """Plug-ins: a class by its name, and the declared ranges and units of its parameters.
 
-Effects and planners that come with palpate go by their own names, a user's as ``module:Class``.
-Each declares the range and unit of its numbers beside its fields; they are checked in one place. A
-length or a time may also be given as a text with a unit, ``0.2mm``.
+Effects and planners of palpate have names, a user's are ``module:Class``. Each declares the range
+and unit of its numbers beside its fields; they are checked here. A length or a time may also be a
+text with a unit, ``0.2mm``.
 """
 
 from __future__ import annotations
@@ -24,24 +24,24 @@ from typing import TYPE_CHECKING, Any, NamedTuple, get_args, get_type_hints
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
 
-# Units of lengths, m.
+# [m]
 LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "ft": 0.3048}
-TIMES = {"s": 1.0, "min": 60.0, "h": 3600.0}  # Units of times, s
-UNITS = {"m": LENGTHS, "s": TIMES}  # Units in which a number may be given, by its own unit
+TIMES = {"s": 1.0, "min": 60.0, "h": 3600.0}  # [s]
+UNITS = {"m": LENGTHS, "s": TIMES}  # accepted units by base unit
 _QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([a-zA-Zµμ]*)\s*")
 PACKAGE = __name__.partition(".")[0]
-# Folders of code that is neither the user's nor palpate's
+# Folders of code that is neither the user's nor palpate's.
 INSTALLED = frozenset(
     {"site-packages", "dist-packages", f"python{sys.version_info.major}.{sys.version_info.minor}"}
 )
 
 
 def class_by_name(name: str, *, what: str, names: Sequence[str], package: str) -> object:
-    """What stands under a name; whether it is of any use is for the caller to see.
+    """Object with a name; the caller checks whether it is suitable.
 
-    `name`: one of `names`, or ``module:Class``. `what`: the kind of thing, for complaints:
+    `name`: one of `names`, or ``module:Class``. `what`: kind of the object, for error messages:
     "effect". `names`: modules of `package`, each with a class of its own name. Raises LookupError
-    if there is none of this name. Raises ValueError if the module cannot be imported.
+    if there is no such name. Raises ValueError if the module cannot be imported.
     """
     module, colon, wanted = name.partition(":")
     if name in names:
@@ -51,11 +51,13 @@ def class_by_name(name: str, *, what: str, names: Sequence[str], package: str) -
     if module.startswith("."):
         raise ValueError(f"the {what} {name!r} must name its module in full, without a leading dot")
     try:
-        found: object = getattr(import_module(module), wanted, None)
-        get_type_hints(found) if is_dataclass(found) else None
+        result: object = getattr(import_module(module), wanted, None)
+        get_type_hints(result) if is_dataclass(result) else None
     except (Exception, SystemExit) as error:  # a user's module may do anything when imported
-        raise ValueError(f"the {what} {name!r} cannot be imported: {told_error(error)}") from None
-    return found
+        raise ValueError(
+            f"the {what} {name!r} cannot be imported: {describe_error(error)}"
+        ) from None
+    return result
 
 
 class CodePlace(NamedTuple):
@@ -63,35 +65,35 @@ class CodePlace(NamedTuple):
 
     file: str
     line: int
-    function: str  # Empty if it is not known
-    is_own: bool  # Whether it belongs to the user's code, not to palpate
+    function: str  # empty if it is not known
+    is_own: bool  # whether it is the user's code, not palpate's
 
     def __str__(self) -> str:
         return f"{self.file}:{self.line}" + (f" in {self.function}" if self.function else "")
 
 
 def code_place(error: BaseException) -> CodePlace | None:
-    """Where an error comes from: the last line of the user's code, or else of palpate's.
+    """Origin of an error: the last line of the user's code, or else of palpate's.
 
-    What it was raised from counts too. None if neither took part.
+    Its causes are searched too. None if neither code is in the traceback.
     """
-    found: CodePlace | None = None
+    origin: CodePlace | None = None
     following: BaseException | None = error
     while following is not None:
         for place in _places(following):
-            if place.is_own or found is None or not found.is_own:
-                found = place
+            if place.is_own or origin is None or not origin.is_own:
+                origin = place
         hidden = following.__suppress_context__
         following = following.__cause__ or (None if hidden else following.__context__)
-    return found
+    return origin
 
 
-def told_error(error: BaseException) -> str:
-    """Type and first line of an error, and where in the user's code it comes from."""
+def describe_error(error: BaseException) -> str:
+    """Type and first line of an error, and its origin in the user's code."""
     words = error.msg if isinstance(error, SyntaxError) else str(error)
     what, place = next(iter(words.splitlines()), ""), code_place(error)
-    told = f"{type(error).__name__}: {what}"
-    return f"{told} ({place})" if place is not None and place.is_own else told
+    text = f"{type(error).__name__}: {what}"
+    return f"{text} ({place})" if place is not None and place.is_own else text
 
 
 def _places(error: BaseException) -> Iterator[CodePlace]:
@@ -105,11 +107,11 @@ def _places(error: BaseException) -> Iterator[CodePlace]:
 
 
 class Range(NamedTuple):
-    """What a number may be, in which unit; both ends belong to it. ``"1"`` is no unit."""
+    """Closed range of a number, and its unit; ``"1"`` is no unit."""
 
-    low: float  # Smallest value
-    high: float  # Largest value
-    unit: str  # Its unit
+    low: float
+    high: float
+    unit: str
 
     def __str__(self) -> str:
         unit = "" if self.unit == "1" else f" {self.unit}"
@@ -124,14 +126,15 @@ def ranges_of(described: type) -> Mapping[str, Range]:
 
 
 def check_ranges(value: Any) -> None:
-    """Refuse a dataclass with a number outside its range; call it in ``__post_init__``.
+    """Check the numbers of a dataclass against their ranges; call it in ``__post_init__``.
 
-    Raises ValueError with field, value, range and unit; also if it is none, or no whole one.
+    Raises ValueError with field, value, range and unit if a value is outside, no number, or not
+    whole where that is declared.
     """
     described: type = type(value)
     for name, (allowed, members) in _declared(described).items():
         number = getattr(value, name)
-        if number is None and NoneType in members:  # an optional number that was left out
+        if number is None and NoneType in members:  # an optional number
             continue
         whole = float not in members
         of_kind = isinstance(number, Real) and not isinstance(number, bool)
@@ -146,13 +149,13 @@ def check_ranges(value: Any) -> None:
 def in_base_unit(text: str, units: Mapping[str, float]) -> float:
     """A number with its unit, ``0.2mm`` or ``5 min``, in m or s; `units` as in `UNITS`.
 
-    Raises ValueError, a sentence without its subject, if there is no number, no unit or another.
+    Raises ValueError if there is no number, no unit or another one; its message has no subject.
     """
-    found = _QUANTITY.fullmatch(text)
+    match = _QUANTITY.fullmatch(text)
     example = f"0.2{'mm' if 'mm' in units else 's'}"
-    if found is None:
+    if match is None:
         raise ValueError(f"must be a number with a unit, as {example}")
-    number, unit = found.groups()
+    number, unit = match.groups()
     unit = unit.replace("µ", "u").replace("μ", "u")
     if unit not in units:
         what = f"the unit {unit!r} is none of" if unit else "must have a unit:"
@@ -163,24 +166,24 @@ def in_base_unit(text: str, units: Mapping[str, float]) -> float:
         return float(number)  # so large or small that no unit matters
 
 
-def in_base_units(described: type, given: Mapping[str, Any]) -> dict[str, Any]:
-    """Parameters of a dataclass with its lengths and times, where given as texts, in m and s.
+def in_base_units(described: type, parameters: Mapping[str, Any]) -> dict[str, Any]:
+    """Parameters of a dataclass, with texts of lengths and times converted to m and s.
 
     Raises ValueError with the parameter and the text if one cannot be read.
     """
-    found, ranges = dict(given), ranges_of(described)
-    for name, value in given.items():
+    result, ranges = dict(parameters), ranges_of(described)
+    for name, value in parameters.items():
         units = UNITS.get(ranges[name].unit) if name in ranges else None
         if isinstance(value, str) and units is not None:
             try:
-                found[name] = in_base_unit(value, units)
+                result[name] = in_base_unit(value, units)
             except ValueError as error:
                 raise ValueError(f"{name} is {value!r}; expected number: {error}") from None
-    return found
+    return result
 
 
 class Ranged:
-    """A dataclass of this kind checks its numbers when it is made, as `check_ranges` does."""
+    """Base of dataclasses that check their numbers by `check_ranges` when they are made."""
 
     __slots__ = ()
 
@@ -190,16 +193,16 @@ class Ranged:
 
 @cache
 def _declared(described: type) -> Mapping[str, tuple[Range, tuple[type, ...]]]:
-    """Range of each number, and what it may be by its annotation: ``int | None`` two things."""
+    """Range of each number, and the types of its annotation: two for ``int | None``."""
     hints = get_type_hints(described)
     ranges = ranges_of(described).items()
-    return {name: (one, get_args(hints[name]) or (hints[name],)) for name, one in ranges}
+    return {name: (allowed, get_args(hints[name]) or (hints[name],)) for name, allowed in ranges}
 
 
 def entry_points_of(group: str) -> dict[str, EntryPoint]:
     """Entry points of a group by name, without those whose module is not installed.
 
-    What is always there is not looked up here: `importlib.metadata` takes long to be imported.
+    Built-in names should not be looked up here: the import of `importlib.metadata` is slow.
     """
     from importlib.metadata import entry_points
 

@@ -1,10 +1,10 @@
 """Poses, rotation matrices, quaternions, rotation vectors, and the principal axes of points.
 
-In messages and files a pose is seven numbers: position x, y, z in m, then a unit quaternion
-x, y, z, w. What computes with it makes a `Pose` of them once. Rotation matrices hold the axes of
-the moved frame as columns. A rotation vector is axis times angle, for poses that are adjusted by
-least squares. Own code: scipy's `Rotation` has other last digits, takes 0.3 s to import, and five
-times as long for one rotation.
+In messages and files a pose is seven numbers: position x, y, z [m], then a unit quaternion x, y, z,
+w. Computations convert them once to a `Pose`. Rotation matrices have the axes of the moved frame as
+columns. A rotation vector is axis times angle, for poses that are adjusted by least squares. Not
+scipy's `Rotation`, which has other last digits, takes 0.3 s to import, and five times as long for
+one rotation.
 """
 
 from __future__ import annotations
@@ -17,23 +17,22 @@ import numpy as np
 
 from palpate.core.arrays import Floats
 
-IDENTITY_POSE: Floats = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])  # As messages carry it
-FACING_DOWN: Floats = np.diag([1.0, -1.0, -1.0])  # Rotation of a pad that looks straight down
+IDENTITY_POSE: Floats = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])  # as in messages
+FACING_DOWN: Floats = np.diag([1.0, -1.0, -1.0])  # rotation of a pad that faces straight down
 IDENTITY_POSE.setflags(write=False)
 FACING_DOWN.setflags(write=False)
-UNIT_TOLERANCE = 1e-6  # Quaternions off unit length by less are normalised; by more an error
-SERIES_BELOW = 0.1  # Angle, rad, below which the Jacobian's last coefficient comes from its series
+UNIT_TOLERANCE = 1e-6  # of a quaternion's length; closer ones are normalised, others are errors
 
 
 class Pose(NamedTuple):
-    """Where a frame is, and how it is turned: a rigid motion that takes it into the outer frame."""
+    """Position and rotation of a frame: the rigid motion from it to the outer frame."""
 
-    position: Floats  # Of its origin, (3,) [m]
-    axes: Floats  # Its axes as columns, (3, 3), a rotation
+    position: Floats  # of its origin, (3,) [m]
+    axes: Floats  # of the frame as columns, (3, 3), a rotation
 
     @classmethod
     def from_array(cls, array: Floats) -> Self:
-        """The pose of seven numbers, as messages carry it.
+        """Pose from seven numbers, as in messages.
 
         Raises ValueError if the quaternion is not of unit length within 1e-6.
         """
@@ -41,15 +40,15 @@ class Pose(NamedTuple):
 
     @property
     def array(self) -> Floats:
-        """The pose as seven numbers, (7,), as messages carry it."""
+        """The pose as seven numbers, (7,), as in messages."""
         return np.concatenate([self.position, quaternion_from_matrix(self.axes)])
 
     def __matmul__(self, inner: Pose) -> Pose:
-        """The pose of `inner`, which is given in this frame, in the outer frame."""
+        """The pose `inner` of this frame, in the outer frame."""
         return Pose(self.position + self.axes @ inner.position, self.axes @ inner.axes)
 
     def inverse(self) -> Pose:
-        """The pose of the outer frame, seen from this one."""
+        """The pose of the outer frame in this one."""
         return Pose(-self.axes.T @ self.position, self.axes.T)
 
     def to_outer(self, points: Floats) -> Floats:
@@ -107,9 +106,9 @@ def quaternion_from_matrix(matrix: Floats) -> Floats:
 
 
 def pad_rotation(heading: float, tilt: float) -> Floats:
-    """Rotation of a pad that faces a surface with this outward normal.
+    """Rotation of a pad that faces a surface.
 
-    `heading`: azimuth of the outward normal, rad. `tilt`: elevation of the outward normal, rad.
+    `heading`: azimuth of the outward normal [rad]. `tilt`: elevation of the outward normal [rad].
     Returns (3, 3), pad axes as columns: x along the contour, counter-clockwise; z into the object;
     y completes them and points downwards where `tilt` is 0.
     """
@@ -122,7 +121,7 @@ def pad_rotation(heading: float, tilt: float) -> Floats:
 
 
 def rotation_angle(first: Floats, second: Floats) -> float:
-    """Angle between two rotation matrices, rad; by atan2, so that small angles survive."""
+    """Angle [rad] between two rotation matrices; by atan2, which is exact for small angles."""
     relative = first.T @ second
     axis = np.array(
         [
@@ -135,7 +134,7 @@ def rotation_angle(first: Floats, second: Floats) -> float:
 
 
 def rotations_from_vectors(vectors: Floats) -> Floats:
-    """Rotation matrices (b, 3, 3) of rotation vectors (b, 3), rad: Rodrigues's formula by sinc."""
+    """Rotation matrices (b, 3, 3) of rotation vectors (b, 3) [rad]: Rodrigues's formula by sinc."""
     cross = cross_matrices(vectors)
     angle = np.sqrt(np.einsum("bi,bi->b", vectors, vectors))[:, None, None]
     half = np.sinc(angle / (2.0 * np.pi))
@@ -143,16 +142,17 @@ def rotations_from_vectors(vectors: Floats) -> Floats:
     return result
 
 
-def right_jacobians(vectors: Floats) -> Floats:
-    """How small changes of rotation vectors turn the body, (b, 3, 3), to first order.
+def right_jacobians(vectors: Floats, max_series_angle: float = 0.1) -> Floats:
+    """Right Jacobians (b, 3, 3) of rotation vectors (b, 3) [rad].
 
-    With R the rotation of v and J this matrix, that of v + dv is R times that of J dv.
+    With R the rotation of v and J this matrix, the rotation of v + dv is, to first order, R times
+    that of J dv. `max_series_angle`: below it the last coefficient is from its series [rad].
     """
     cross = cross_matrices(vectors)
     square = np.einsum("bi,bi->b", vectors, vectors)[:, None, None]
     angle = np.sqrt(square)
     half = np.sinc(angle / (2.0 * np.pi))
-    small = angle < SERIES_BELOW
+    small = angle < max_series_angle
     safe = np.where(small, 1.0, square)
     series = 1.0 / 6.0 - square * (1.0 / 120.0 - square * (1.0 / 5040.0 - square / 362880.0))
     lag = np.where(small, series, (1.0 - np.sinc(angle / np.pi)) / safe)

@@ -1,7 +1,7 @@
-"""What moves cost a robot: the time of one guarded move, and that of recorded moves for any robot.
+"""Robot time of one guarded move, and of recorded moves for any robot.
 
-A recording keeps, with each touch, the ways and turns of which its time was made. So the accuracy
-of one run can be drawn against the time of every robot. The presets are assumptions.
+A recording stores the distances and turns of each touch, from which its time was computed. So the
+accuracy of one run can be plotted against the time of any robot. The presets are assumptions.
 """
 
 from __future__ import annotations
@@ -17,25 +17,24 @@ from numpy.typing import ArrayLike
 from palpate.core.arrays import Floats, finite_array, not_negative, positive
 from palpate.core.poses import Pose, rotation_angle
 
-COLUMNS = 5
-DEEPEST = 5e-3  # Beyond its reach no touch goes farther, m
-LIFTED = -1.0  # Length of the way along the surface where there was none
+N_COLUMNS = 5  # of a row of moves
+LIFTED = -1.0  # stands for the distance along the surface after a move through the air
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RobotPreset:
-    """How fast an arm is.
+    """Speeds and delays of an arm.
 
     Raises ValueError if a speed or the acceleration is not positive, or a duration is negative.
     """
 
-    speed: float  # Of free travel, m/s
-    acceleration: float  # Of free travel, m/s2
-    turning: float  # Speed of reorientation, rad/s
-    approach: float  # Speed towards the surface, m/s
-    retract: float  # Speed away from it, m/s
-    dwell: float  # Rest in contact, s
-    overhead: float  # Of each of the two commands of a touch, s
+    speed: float  # [m/s] of free travel
+    acceleration: float  # [m/s2] of free travel
+    turning: float  # [rad/s] of reorientation
+    approach: float  # [m/s] towards the surface
+    retract: float  # [m/s] away from the surface
+    dwell: float  # [s] rest in contact
+    overhead: float  # [s] of each of the two commands of a touch
 
     def __post_init__(self) -> None:
         units = {"acceleration": "m/s2", "turning": "rad/s", "dwell": "s", "overhead": "s"}
@@ -45,44 +44,50 @@ class RobotPreset:
 
     @property
     def array(self) -> Floats:
-        """The figures in their order, (7,), as messages carry them."""
+        """The fields in their order, (7,), as in messages."""
         return np.array([getattr(self, field.name) for field in fields(self)])
 
     @classmethod
     def of_array(cls, values: Floats) -> RobotPreset:
-        """The preset with these figures, (7,)."""
+        """The preset with these fields, (7,)."""
         return cls(**dict(zip((field.name for field in fields(cls)), values.tolist(), strict=True)))
 
 
 def move_between(before: Pose | None, pose: Pose) -> tuple[float, float]:
-    """Way and turn from one pose to another, m and rad; none if there was none before."""
+    """Distance [m] and turn [rad] from one pose to another; 0 without a pose before."""
     if before is None:
         return 0.0, 0.0
     travel = float(np.linalg.norm(pose.position - before.position))
     return travel, rotation_angle(before.axes, pose.axes)
 
 
-def longest_seconds(preset: RobotPreset, travel: float, turn: float, reach: float) -> float:
-    """Robot time, s, of a touch at the end of its reach and `DEEPEST` beyond; lengths in m, rad."""
-    return free_seconds(preset, travel, turn) + contact_seconds(preset, reach + DEEPEST)
+def longest_seconds(
+    preset: RobotPreset, travel: float, turn: float, reach: float, max_depth: float = 5e-3
+) -> float:
+    """Upper bound of a touch's robot time [s].
+
+    `travel` [m] and `turn` [rad] as of `free_seconds`. `reach`: distance to contact [m];
+    `max_depth`: beyond it [m].
+    """
+    return free_seconds(preset, travel, turn) + contact_seconds(preset, reach + max_depth)
 
 
 def free_seconds(preset: RobotPreset, travel: float, turn: float) -> float:
     """Robot time from one start pose to the next, travelling and turning together.
 
-    `travel`: way from the last start pose to this one, m. `turn`: angle between the two, rad.
-    Raises ValueError if the way or the angle is negative or not finite.
+    `travel`: distance from the last start pose to this one [m]. `turn`: angle between both [rad].
+    Raises ValueError if one is negative or not finite.
     """
-    way = not_negative("travel", travel, "m")
+    distance = not_negative("travel", travel, "m")
     turning = not_negative("turn", turn, "rad") / preset.turning
-    return max(float(_travel_durations(preset, np.array(way))), turning)
+    return max(float(_travel_durations(preset, np.array(distance))), turning)
 
 
 def contact_seconds(preset: RobotPreset, approach: float) -> float:
-    """Robot time of a move to the surface and back: approach, rest, retreat, two commands.
+    """Robot time [s] of a move to the surface and back: approach, rest, retreat, two commands.
 
-    `approach`: way from the start pose to the end of the touch, m; the finger goes back as far.
-    Raises ValueError if the way is negative or not finite.
+    `approach`: distance from the start pose to the end of the touch [m], the same as of the
+    retreat. Raises ValueError if it is negative or not finite.
     """
     not_negative("approach", approach, "m")
     there_and_back = approach / preset.approach + approach / preset.retract
@@ -92,22 +97,22 @@ def contact_seconds(preset: RobotPreset, approach: float) -> float:
 class MoveGeometry(NamedTuple):
     """Geometry of moves in the order in which they were made."""
 
-    wait: Floats  # Time in which the arm did not move, waiting for a decision or a message, (n,), s
-    travel: Floats  # From the last start pose to this one, (n,), m
-    turn: Floats  # Angle between the two, (n,), rad
-    approach: Floats  # From start pose to end of the move, (n,), m; the finger goes back as far
-    # From the last contact to this one, where the finger could have slid, (n,), m; `LIFTED` where
+    wait: Floats  # time without motion, for a decision or a message, (n,) [s]
+    travel: Floats  # from the last start pose to this one, (n,) [m]
+    turn: Floats  # between both, (n,) [rad]
+    approach: Floats  # from start pose to end of the move, and back, (n,) [m]
+    # From the last contact to this one, where the finger could have slid, (n,) [m]; `LIFTED` where
     # one of the two was none, or they belong to different goals.
     along: Floats
 
     @classmethod
     def of_rows(cls, rows: ArrayLike) -> MoveGeometry:
-        """Moves from rows of (wait, travel, turn, approach, along), as messages carry them.
+        """Moves from rows of (wait, travel, turn, approach, along), as in messages.
 
         Raises ValueError if they are no finite (n, 5) array, or a length, angle or time is
         negative.
         """
-        table = finite_array("moves", rows, (None, COLUMNS))
+        table = finite_array("moves", rows, (None, N_COLUMNS))
         if (table[:, :4] < 0.0).any():
             worst = float(table[:, :4].min())
             raise ValueError(f"moves must not be negative but for `along`, got {worst:g}")
@@ -115,16 +120,16 @@ class MoveGeometry(NamedTuple):
 
 
 class MoveDurations(NamedTuple):
-    """Where the time of each move goes, (n,) each, s."""
+    """Durations of the parts of each move, (n,) each [s]."""
 
-    wait: Floats  # Not moving
-    travel: Floats  # To the start pose, or along the surface
-    approach: Floats  # To the surface
-    dwell: Floats  # Rest in contact, and the commands
-    retract: Floats  # Away from it
+    wait: Floats  # without motion
+    travel: Floats  # to the start pose, or along the surface
+    approach: Floats  # to the surface
+    dwell: Floats  # rest in contact, and the commands
+    retract: Floats  # away from the surface
 
     def total(self) -> Floats:
-        """Time of each move, (n,), s."""
+        """Duration of each move, (n,) [s]."""
         return np.asarray(sum(self))
 
 
@@ -135,9 +140,9 @@ class SlidingPreset:
     Raises ValueError if a speed or the time of a frame is not positive.
     """
 
-    arm: RobotPreset  # How it moves otherwise
-    speed: float  # Along the surface, m/s
-    frame: float  # Of each frame that is taken on the way, s
+    arm: RobotPreset  # for all other motion
+    speed: float  # [m/s] along the surface
+    frame: float  # [s] for each frame while sliding
 
     def __post_init__(self) -> None:
         positive("speed", self.speed, "m/s")
@@ -145,7 +150,7 @@ class SlidingPreset:
 
 
 def move_durations(moves: MoveGeometry, robot: RobotPreset | SlidingPreset) -> MoveDurations:
-    """Durations of moves by a robot; of the preset of a recording they sum to its robot times."""
+    """Durations of moves by a robot; for the recording's own preset they sum to its robot times."""
     if isinstance(robot, SlidingPreset):
         return _slid(moves, robot)
     return MoveDurations(
@@ -158,26 +163,26 @@ def move_durations(moves: MoveGeometry, robot: RobotPreset | SlidingPreset) -> M
 
 
 def _slid(moves: MoveGeometry, robot: SlidingPreset) -> MoveDurations:
-    """Between touches that the surface joins there is neither retreat nor approach nor rest."""
+    """Durations of an arm that slides: no retreat, approach and rest between joined touches."""
     lifted, slid = move_durations(moves, robot.arm), moves.along >= 0.0
-    way = moves.along / robot.speed
+    sliding = moves.along / robot.speed
     followed = np.append(slid[1:], False)
-    # The surface is left as from the contact where sliding began.
+    # The retreat is that of the contact where sliding began.
     began = np.maximum.accumulate(np.where(slid, 0, np.arange(len(slid))))
     return MoveDurations(
         lifted.wait,
-        np.where(slid, np.maximum(way, moves.turn / robot.arm.turning), lifted.travel),
+        np.where(slid, np.maximum(sliding, moves.turn / robot.arm.turning), lifted.travel),
         np.where(slid, 0.0, lifted.approach),
         np.where(slid, robot.frame, lifted.dwell),
         np.where(followed, 0.0, lifted.retract[began]),
     )
 
 
-def _travel_durations(preset: RobotPreset, ways: Floats) -> Floats:
-    """From rest to rest, with a trapezoid of speed, or a triangle where it is short, (n,)."""
+def _travel_durations(preset: RobotPreset, distances: Floats) -> Floats:
+    """Durations (n,) [s] from rest to rest: the speed is a trapezoid, or a triangle if short."""
     ramp = preset.speed / preset.acceleration
-    short = 2.0 * np.sqrt(ways / preset.acceleration)
-    return np.where(ways >= preset.speed * ramp, ways / preset.speed + ramp, short)
+    short = 2.0 * np.sqrt(distances / preset.acceleration)
+    return np.where(distances >= preset.speed * ramp, distances / preset.speed + ramp, short)
 
 
 # ``modern``: a collaborative arm. ``puma``: an arm of the 1990s. Both are assumptions.

@@ -1,14 +1,14 @@
-"""Steps of long work: it says which of them begins, and never asks who listens, or for what."""
+"""Steps of long computations, which they announce to their caller by name."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 
-# Given the name of a step, what is open while it lasts; one within another interrupts that.
+# Name of a step to a context that is open while it lasts; nested steps interrupt the outer one.
 Steps = Callable[[str], AbstractContextManager[object]]
 
 
 def no_steps(name: str) -> AbstractContextManager[object]:
-    """Nobody wants to know."""
+    """Default: steps are ignored."""
     return nullcontext()

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import palpate.nodes
-from palpate.core.plugins import told_error
+from palpate.core.plugins import describe_error
 from palpate.launch.files.source_map import InputError, KeyPath, SourceMapped, hint
 
 if TYPE_CHECKING:
@@ -112,7 +112,7 @@ def load_entry(entry: Entry) -> AnyNode:
         known = hint(kind, list_kinds())
         raise entry.error(f"there is no kind of node {kind!r}; {known}") from None
     except Exception as error:  # a user's own module may raise anything
-        raise entry.error(f"module {entry.module!r} breaks: {told_error(error)}") from None
+        raise entry.error(f"module {entry.module!r} breaks: {describe_error(error)}") from None
     if mark and getattr(sys.modules[entry.module], attribute, None) is not node:
         raise entry.error(f"module {entry.module!r} holds no {attribute}")
     return node

@@ -77,7 +77,7 @@ def take_model(params: Params, state: State, model: ShapeModel) -> tuple[State, 
 
 def _score(truth: TrueSurface, model: ShapeModel, _: Steps) -> Score:
     thinning = 1 if model.final else truth.thinning
-    samples = geometry.SAMPLES // thinning
+    samples = geometry.DEFAULT_SAMPLING.n_samples // thinning
     rebuilt = geometry.prepare_surface(model.vertices, model.faces, samples)
     distances = geometry.compare_surfaces(truth.prepared[thinning], rebuilt, truth.exposed)
     solid = geometry.solidity(model.vertices, model.faces)

@@ -9,7 +9,15 @@ import numpy as np
 from msgspec import Meta, Struct
 
 from palpate.core.arrays import Bools, Floats
-from palpate.core.touch import CONTACT, HITS, Calibration, FilterOrder, Pad, clean, is_repeated
+from palpate.core.touch import (
+    DEFAULT_CONTACT,
+    HITS,
+    Calibration,
+    FilterOrder,
+    Pad,
+    clean,
+    is_repeated,
+)
 from palpate.messages.types import ParameterEvent, SensorInfo, TactileFrame, TactileImage
 from palpate.nodes.runtime.node import Node, Outputs
 from palpate.nodes.specs.sensors import calibration_of_info, pad_of_info
@@ -24,7 +32,9 @@ class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     # a frame unchanged unless it has impulses; then it fits robustly.
     order: FilterOrder = "auto"
     # Minimum compression that counts as contact, also for a quiet sensor [m].
-    contact: Annotated[float, Meta(gt=0, le=0.001, description="m")] = CONTACT
+    contact: Annotated[float, Meta(gt=0, le=0.001, description="m")] = (
+        DEFAULT_CONTACT.min_compression
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -19,7 +19,7 @@ from palpate.core.touch import (
     SimulatedTouch,
     StageStates,
     set_down,
-    turning_way,
+    turning_distances,
 )
 from palpate.messages import types
 from palpate.nodes.runtime.node import Finger, Node, Outputs
@@ -264,7 +264,7 @@ def turn_over(
     requested, robot = Pose.from_array(goal.pose), ROBOT_PRESETS[params.robot]
     resting = RestingSolid(*upright.mesh(settings.mesh_level))
     pose = set_down(resting, requested, state.platform, params.seed, goal.placement)
-    (travel, grip), turn = turning_way(), rotation_angle(state.lies.axes, pose.axes)
+    (travel, grip), turn = turning_distances(), rotation_angle(state.lies.axes, pose.axes)
     begun = max(state.clock, goal.not_before)
     clock = begun + free_seconds(robot, travel, turn) + contact_seconds(robot, grip)
     move = np.array([begun - state.clock, travel, turn, grip, NO_SURFACE_PATH])

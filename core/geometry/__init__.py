@@ -2,10 +2,9 @@
 
 Polygons, triangle meshes, nearest points, distances between surfaces.
 
-A user may change how many samples a comparison of surfaces takes (`distances`) and how a rigid
-alignment is searched for (`alignment`); everything else is exact but for rounding, and its
-constants are tolerances of that. It rests on numpy, scipy's k-d tree, and the root of core; it
-knows no solid, spline or touch.
+Tunable are the number of samples of a comparison of surfaces and the search of a rigid alignment
+(`distances`); all else is exact up to rounding tolerances. It depends on numpy, scipy's k-d tree,
+and the modules directly in core, but on no solid, spline or touch.
 """
 
 from palpate.core.geometry.crossings import (
@@ -14,8 +13,9 @@ from palpate.core.geometry.crossings import (
     self_intersection as self_intersection,
 )
 from palpate.core.geometry.distances import (
-    SAMPLES as SAMPLES,
+    DEFAULT_SAMPLING as DEFAULT_SAMPLING,
     Alignment as Alignment,
+    AlignmentSettings as AlignmentSettings,
     PreparedSurface as PreparedSurface,
     align as align,
     compare_surfaces as compare_surfaces,
@@ -23,7 +23,7 @@ from palpate.core.geometry.distances import (
     sample_surface as sample_surface,
 )
 from palpate.core.geometry.meshes import (
-    SHARP as SHARP,
+    DEFAULT_MESH as DEFAULT_MESH,
     are_outside as are_outside,
     areas_and_normals as areas_and_normals,
     axes_across as axes_across,

@@ -1,4 +1,4 @@
-"""Boxes of things that lie together: an order along a curve, and the pairs that overlap."""
+"""Bounding boxes: an order along a space-filling curve, and the pairs that overlap."""
 
 from __future__ import annotations
 
@@ -10,9 +10,7 @@ from numpy.typing import NDArray
 from palpate.core.arrays import Floats
 
 Indices = NDArray[np.intp]
-MORTON_BITS = 16  # Of each coordinate: finer than any neighbourhood that matters
-MAX_ROOT_BOXES = 32  # So many boxes are compared each with each
-MAX_PAIRS = 1 << 15  # Pairs that are looked at together, so that they stay in the cache
+MORTON_BITS = 16  # of each coordinate
 
 
 def morton_order(points: Floats) -> Indices:
@@ -20,7 +18,7 @@ def morton_order(points: Floats) -> Indices:
     low = points.min(axis=0)
     size = float(np.ptp(points, axis=0).max()) or 1.0
     cells = ((points - low) * ((1 << MORTON_BITS) - 1) / size).astype(np.uint64)
-    for shift, mask in (  # each step moves half of the bits, until two gaps follow each of them
+    for shift, mask in (  # each step moves half of the bits, until two zeros follow each bit
         (16, 0x0000FF0000FF),
         (8, 0x00F00F00F00F),
         (4, 0x0C30C30C30C3),
@@ -31,14 +29,17 @@ def morton_order(points: Floats) -> Indices:
     return np.argsort(code, kind="stable")
 
 
-def overlapping_pairs(low: Floats, high: Floats) -> Iterator[tuple[Indices, Indices]]:
+def overlapping_pairs(
+    low: Floats, high: Floats, *, max_root_boxes: int = 32, block: int = 1 << 15
+) -> Iterator[tuple[Indices, Indices]]:
     """Pairs (p,), (p,) of boxes that overlap or touch, the first never after the second.
 
-    `low` and `high` (n, k): the smallest and largest coordinates of each box. Boxes that follow
-    each other should lie together, as along a polygon or in `morton_order`: they are gathered in
-    ever larger boxes, and only where two of those overlap are their halves looked at.
+    `low` and `high` (n, k): the smallest and largest coordinates of each box. Consecutive boxes
+    should be close to each other, as along a polygon or in `morton_order`: they are joined to ever
+    larger boxes, and only where two of those overlap are their halves tested. `max_root_boxes`: all
+    pairs of so many are tested. `block`: pairs tested together, so that they fit the cache.
     """
-    levels = _levels(low, high)
+    levels = _levels(low, high, max_root_boxes)
     first, second = np.triu_indices(levels[-1][0].shape[1])
     waiting = [(len(levels) - 1, first, second)]
     while waiting:
@@ -53,15 +54,15 @@ def overlapping_pairs(low: Floats, high: Floats) -> Iterator[tuple[Indices, Indi
         second = 2 * np.repeat(second, 4) + np.tile([0, 1, 0, 1], len(second))
         is_pair = (first <= second) & (second < levels[level - 1][0].shape[1])
         first, second = first[is_pair], second[is_pair]
-        for begin in range(0, len(first), MAX_PAIRS):
-            part = slice(begin, begin + MAX_PAIRS)
+        for begin in range(0, len(first), block):
+            part = slice(begin, begin + block)
             waiting.append((level - 1, first[part], second[part]))
 
 
-def _levels(low: Floats, high: Floats) -> list[tuple[Floats, Floats]]:
-    """Coordinates (k, m) of the boxes, of boxes about each two of them, and so on."""
+def _levels(low: Floats, high: Floats, max_root_boxes: int) -> list[tuple[Floats, Floats]]:
+    """Coordinates (k, m) of the boxes, of boxes around pairs of them, and so on."""
     levels = [(low.T.copy(), high.T.copy())]
-    while levels[-1][0].shape[1] > MAX_ROOT_BOXES:
+    while levels[-1][0].shape[1] > max_root_boxes:
         below, above = levels[-1]
         first = np.arange(0, below.shape[1], 2)
         levels.append(

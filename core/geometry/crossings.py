@@ -1,8 +1,8 @@
-"""Where a triangle mesh passes through itself.
+"""Self-intersections of a triangle mesh.
 
-Two triangles cross where the line in which their planes meet runs through both: Möller, *A fast
-triangle-triangle intersection test*, 1997; neighbours, where it does so beyond the vertices that
-they share. Pairs are found by boxes about ever fewer faces along a Morton curve.
+Two triangles cross where the intersection line of their planes passes through both: Möller, *A fast
+triangle-triangle intersection test*, 1997; for neighbours, beyond the vertices that they share.
+Candidate pairs come from bounding boxes along a Morton curve.
 """
 
 from __future__ import annotations
@@ -24,15 +24,15 @@ Indices = NDArray[np.intp]
 
 @dataclass(frozen=True, slots=True)
 class CrossingSettings:
-    """What counts as a crossing, and not as a touch or as rounding."""
+    """What counts as a crossing, rather than as contact or rounding."""
 
     # Fraction of the mesh's largest extent by which each face must pass beyond the other's plane.
     # Coordinates of single precision are rounded by 6e-8 of the largest.
     min_depth: float = 1e-7
-    # Fraction of the longer face's longest edge: a corner nearer to a plane lies in it, and what
-    # two faces have in common over a shorter way is a touch.
+    # Fraction of the longer face's longest edge: a corner nearer to a plane lies in it, and two
+    # faces with a shorter common segment only touch.
     touching: float = 1e-9
-    min_sine: float = 1e-9  # of the angle between two planes; below it they are one
+    min_sine: float = 1e-9  # of the angle between two planes; below it they are equal
 
 
 @readable
@@ -40,38 +40,38 @@ class CrossingSettings:
 class SelfIntersection:
     """Crossings of a surface with itself."""
 
-    faces: Ints  # (count, 2): pairs of faces that cross, the lower number first, in order
-    places: Floats  # (count, 3): the middle of what each pair has in common
+    faces: Ints  # (count, 2): pairs of faces that cross, the lower index first, sorted
+    places: Floats  # (count, 3): the middle of each pair's common segment
 
     @property
     def count(self) -> int:
-        """Pairs of faces that cross."""
+        """Number of pairs of faces that cross."""
         return len(self.faces)
 
 
 def self_intersection(
-    vertices: ArrayLike, faces: ArrayLike, settings: CrossingSettings | None = None
+    vertices: ArrayLike, faces: ArrayLike, settings: CrossingSettings = CrossingSettings()
 ) -> SelfIntersection:
     """Pairs of faces that pass through each other.
 
-    `vertices` (n, 3): in any unit; those in the same place count as one. `faces` (m, 3): rows of
-    those; faces without area cross nothing. Raises ValueError as `triangle_corners`. Faces that
-    only touch do not cross, nor do faces that lie on each other in one plane, nor does one that has
-    an edge in the other's plane: the last digit decides those.
+    `vertices` (n, 3): in any unit; equal ones count as one. `faces` (m, 3): indices of vertices;
+    faces without area cross nothing. Raises ValueError as `triangle_corners`. Faces that only touch
+    do not cross, nor do overlapping faces in one plane, nor does a face with an edge in the other's
+    plane: rounding would decide these cases.
     """
-    mesh = _prepared(vertices, faces, settings or CrossingSettings())
+    mesh = _prepared(vertices, faces, settings)
     crossing, middles = [np.zeros((0, 2), np.int32)], [np.zeros((0, 3))]
-    for one, other in _near(mesh):
-        hit, place = _crossings(_Pairs(mesh, one, other))
-        crossing.append(np.column_stack([one[hit], other[hit]]).astype(np.int32))
+    for first, second in _candidates(mesh):
+        hit, place = _crossings(_Pairs(mesh, first, second))
+        crossing.append(np.column_stack([first[hit], second[hit]]).astype(np.int32))
         middles.append(place)
-    found = np.concatenate(crossing)
-    order = np.lexsort((found[:, 1], found[:, 0]))
-    return SelfIntersection(found[order], np.concatenate(middles)[order])
+    pairs = np.concatenate(crossing)
+    order = np.lexsort((pairs[:, 1], pairs[:, 0]))
+    return SelfIntersection(pairs[order], np.concatenate(middles)[order])
 
 
 class _Prepared(NamedTuple):
-    """A mesh, its vertices each in a place of its own."""
+    """A mesh with distinct vertices."""
 
     rows: Indices  # (m, 3)
     corners: Floats  # (m, 3, 3)
@@ -95,36 +95,36 @@ def _prepared(vertices: ArrayLike, faces: ArrayLike, settings: CrossingSettings)
     return _Prepared(rows, corners, normals, touching, min_depth, settings.min_sine)
 
 
-def _near(mesh: _Prepared) -> Iterator[tuple[Indices, Indices]]:
-    """Pairs of faces, each once, the lower number first, whose boxes overlap and which may cross.
+def _candidates(mesh: _Prepared) -> Iterator[tuple[Indices, Indices]]:
+    """Pairs of faces that may cross, each once, the lower index first: their boxes overlap.
 
-    Faces that share an edge do not.
+    Faces that share an edge do not cross.
     """
     a, b, c = mesh.corners.transpose(1, 0, 2)
     low, high = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
     order = morton_order(0.5 * (low + high))
     rows = mesh.rows[order]
-    for one, other in overlapping_pairs(low[order], high[order]):
-        mine, yours = rows[one], rows[other]
-        shared = sum((mine[:, [i]] == yours).sum(axis=1) for i in range(3))
-        apart = shared < 2
-        one, other = order[one[apart]], order[other[apart]]
-        yield np.minimum(one, other), np.maximum(one, other)
+    for first, second in overlapping_pairs(low[order], high[order]):
+        corners, other_corners = rows[first], rows[second]
+        n_shared = sum((corners[:, [i]] == other_corners).sum(axis=1) for i in range(3))
+        distinct = n_shared < 2
+        first, second = order[first[distinct]], order[second[distinct]]
+        yield np.minimum(first, second), np.maximum(first, second)
 
 
 def _crossings(pairs: _Pairs) -> tuple[Indices, Floats]:
-    number = np.arange(len(pairs.one))
+    number = np.arange(len(pairs.first))
     for turn in (False, True):
         heights = _heights(pairs.swapped() if turn else pairs)
         least = pairs.mesh.min_depth
-        apart = (heights > least).any(axis=1) & (heights < -least).any(axis=1)
-        keep = np.flatnonzero(apart)
-        pairs, number = pairs.take(keep), number[keep]
-    line = np.cross(pairs.mesh.normals[pairs.one], pairs.mesh.normals[pairs.other])
+        separated = (heights > least).any(axis=1) & (heights < -least).any(axis=1)
+        kept = np.flatnonzero(separated)
+        pairs, number = pairs.take(kept), number[kept]
+    line = np.cross(pairs.mesh.normals[pairs.first], pairs.mesh.normals[pairs.second])
     sine = np.linalg.norm(line, axis=1)
-    keep = np.flatnonzero(sine > pairs.mesh.min_sine)
-    pairs, number, line = pairs.take(keep), number[keep], line[keep] / sine[keep, None]
-    origin = pairs.mesh.corners[pairs.one, 0]
+    kept = np.flatnonzero(sine > pairs.mesh.min_sine)
+    pairs, number, line = pairs.take(kept), number[kept], line[kept] / sine[kept, None]
+    origin = pairs.mesh.corners[pairs.first, 0]
     begin, end = _interval(pairs, line, origin)
     begin_other, end_other = _interval(pairs.swapped(), line, origin)
     low, high = np.maximum(begin, begin_other), np.minimum(end, end_other)
@@ -133,9 +133,9 @@ def _crossings(pairs: _Pairs) -> tuple[Indices, Floats]:
 
 
 def _interval(pairs: _Pairs, line: Floats, origin: Floats) -> tuple[Floats, Floats]:
-    """Where the first triangles begin and end along the lines in which the planes meet."""
+    """Interval of each first triangle along the intersection line of the planes."""
     heights = _heights(pairs)
-    along = np.einsum("pij,pj->pi", pairs.mesh.corners[pairs.one] - origin[:, None], line)
+    along = np.einsum("pij,pj->pi", pairs.mesh.corners[pairs.first] - origin[:, None], line)
     following, next_along = np.roll(heights, -1, axis=1), np.roll(along, -1, axis=1)
     passes = heights * following < 0.0
     share = heights / np.where(passes, heights - following, 1.0)
@@ -149,23 +149,23 @@ def _interval(pairs: _Pairs, line: Floats, origin: Floats) -> tuple[Floats, Floa
 
 
 def _heights(pairs: _Pairs) -> Floats:
-    """Heights (p, 3) of the first triangle's corners over the other's plane; 0 if in it."""
-    normals = pairs.mesh.normals[pairs.other]
-    offset = pairs.mesh.corners[pairs.one] - pairs.mesh.corners[pairs.other, :1]
+    """Heights (p, 3) of the first triangle's corners over the second's plane; 0 if in it."""
+    normals = pairs.mesh.normals[pairs.second]
+    offset = pairs.mesh.corners[pairs.first] - pairs.mesh.corners[pairs.second, :1]
     heights: Floats = np.einsum("pij,pj->pi", offset, normals)
-    mine, yours = pairs.mesh.rows[pairs.one], pairs.mesh.rows[pairs.other]
-    shared = (mine[:, :, None] == yours[:, None, :]).any(axis=2)
+    corners, other_corners = pairs.mesh.rows[pairs.first], pairs.mesh.rows[pairs.second]
+    shared = (corners[:, :, None] == other_corners[:, None, :]).any(axis=2)
     heights[shared | (np.abs(heights) <= pairs.touching[:, None])] = 0.0
     return heights
 
 
 def _on_line(pairs: _Pairs, line: Floats, along: Floats) -> Floats:
-    """The point (p, 3) at this place along the line in which two planes meet."""
-    origin = pairs.mesh.corners[pairs.one, 0]
-    one, other = pairs.mesh.normals[pairs.one], pairs.mesh.normals[pairs.other]
-    height = np.einsum("pi,pi->p", pairs.mesh.corners[pairs.other, 0] - origin, other)
-    across = np.cross(line, one)  # In the first plane the second rises as the sine
-    slope = np.einsum("pi,pi->p", across, other)
+    """Points (p, 3) at places along the intersection lines of the planes."""
+    origin = pairs.mesh.corners[pairs.first, 0]
+    normal, other_normal = pairs.mesh.normals[pairs.first], pairs.mesh.normals[pairs.second]
+    height = np.einsum("pi,pi->p", pairs.mesh.corners[pairs.second, 0] - origin, other_normal)
+    across = np.cross(line, normal)  # along it, in the first plane, the second's height changes
+    slope = np.einsum("pi,pi->p", across, other_normal)
     return np.asarray(origin + along[:, None] * line + (height / slope)[:, None] * across)
 
 
@@ -173,18 +173,18 @@ class _Pairs(NamedTuple):
     """Pairs of triangles of a mesh."""
 
     mesh: _Prepared
-    one: Indices
-    other: Indices
+    first: Indices
+    second: Indices
 
     @property
     def touching(self) -> Floats:
-        """Distance (p,) within which a corner of one lies in the other's plane."""
-        return np.maximum(self.mesh.touching[self.one], self.mesh.touching[self.other])
+        """Distance (p,) within which a corner of one face lies in the other's plane."""
+        return np.maximum(self.mesh.touching[self.first], self.mesh.touching[self.second])
 
     def take(self, which: Bools | Indices) -> _Pairs:
-        """Some of them."""
-        return self._replace(one=self.one[which], other=self.other[which])
+        """Pairs with a mask or indices."""
+        return self._replace(first=self.first[which], second=self.second[which])
 
     def swapped(self) -> _Pairs:
-        """The same, the other way round."""
-        return self._replace(one=self.other, other=self.one)
+        """The pairs with first and second exchanged."""
+        return self._replace(first=self.second, second=self.first)

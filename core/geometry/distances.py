@@ -1,10 +1,10 @@
-"""How far two surfaces are apart, and the rigid motion that brings points onto one.
+"""Distances between two surfaces, and the rigid alignment of points to a surface.
 
-In an alignment each point counts by its distance from the nearest point of the surface, which is
-the distance from the tangent plane there to first order: Chen and Medioni, *Object modelling by
+An alignment minimises each point's distance from the nearest point of the surface, which is the
+distance from the tangent plane there to first order: Chen and Medioni, *Object modelling by
 registration of multiple range images*, 1992, with the damped steps of Fitzgibbon, *Robust
-registration of 2D and 3D point sets*, 2003. It begins where the points are, with their middle moved
-to the surface's, and at each way to lay their principal axes onto the surface's.
+registration of 2D and 3D point sets*, 2003. It starts from the points' own pose, from the pose with
+their mean moved to the surface's, and from all alignments of their principal axes.
 """
 
 from __future__ import annotations
@@ -30,29 +30,48 @@ from palpate.core.poses import (
 )
 from palpate.reprs import readable
 
-SAMPLES = 20_000  # On each surface, so that the mean is right to about one part in a hundred
-SEED = 1999
-FEWEST = 6  # Points, for six parameters
-FEW, MANY = 200, 2000  # Points of the first steps of all starts, and of the last of the best
-FIRST_STEPS, LAST_STEPS = 12, 60
-KEPT = 4  # Starts that are ended
-TOLERANCE = 1e-7
-ALIKE = 1.1  # Times the least residual: another motion that leaves no more is as good an answer
-SAME = 1.001  # Times the least residual: what leaves no more is the same but for rounding
-APART = np.radians(5.0)  # Turns that differ by less are one
-FLOOR = 5e-4  # Of the surface's size: residuals below this are all alike, for facets leave as much
-ON = 1e-12  # Of the size: nearer points lie on the surface; its normal says which way is off
+MIN_POINTS = 6  # of an alignment, which has six parameters
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SamplingSettings:
+    """Random samples on a surface; 20,000 give the mean distance to about 1 %."""
+
+    n_samples: int = 20_000
+    seed: int = 1999
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AlignmentSettings:
+    """Search for the rigid motion of an alignment: all starts roughly, the best of them finely."""
+
+    n_rough_points: int = 200
+    n_fine_points: int = 2000
+    rough_steps: int = 12
+    fine_steps: int = 60
+    n_refined: int = 4  # starts
+    tolerance: float = 1e-7  # of the least-squares iteration
+    min_turn: float = math.radians(5.0)  # [rad] between distinct motions
+    # A distinct motion with a residual up to the larger of both makes the result ambiguous.
+    max_ambiguous_ratio: float = 1.1  # over the least residual
+    residual_floor: float = 5e-4  # fraction of the surface's size, which facets cause
+    # Of motions with equal residuals the least turned is taken.
+    max_equal_ratio: float = 1.001  # over the least residual
+    on_surface: float = 1e-12  # fraction of the size; nearer points have the surface's normal
+
+
+DEFAULT_SAMPLING = SamplingSettings()
 
 
 class SurfaceDistances(NamedTuple):
-    """How far two surfaces are apart."""
+    """Distances between two surfaces."""
 
-    chamfer: float  # Mean of the two one-way mean distances, m
-    rms: float  # Root mean square distance over both ways, m
-    p95: float  # The larger of the two 95 % quantiles, m
-    hausdorff: float  # The largest distance of both ways, m
-    normal_deg: float  # Mean angle between normals at samples and at their nearest points
-    rms_above: float  # Root mean square distance of samples above a height alone, m
+    chamfer: float  # [m] mean of the two one-way mean distances
+    rms: float  # [m] root mean square distance in both directions
+    p95: float  # [m] the larger of the two 95 % quantiles
+    hausdorff: float  # [m] the largest distance in both directions
+    normal_deg: float  # [deg] mean angle between normals at samples and at their nearest points
+    rms_above: float  # [m] root mean square distance of samples above a height
 
 
 @readable
@@ -64,41 +83,44 @@ class PreparedSurface:
     samples: SurfaceSamples
     search: NearestSearch
 
-    def thinned(self, every: int) -> PreparedSurface:
-        """With the first of every so many samples alone, which are spread as evenly."""
+    def thinned(self, factor: int) -> PreparedSurface:
+        """The surface with one of `factor` samples, which are as evenly distributed."""
         points, faces = self.samples
-        samples = SurfaceSamples(points[::every], faces[::every])
+        samples = SurfaceSamples(points[::factor], faces[::factor])
         return PreparedSurface(self.normals, samples, self.search)
 
 
 def prepare_surface(
-    vertices: ArrayLike, faces: ArrayLike, samples: int = SAMPLES
+    vertices: ArrayLike,
+    faces: ArrayLike,
+    samples: int = DEFAULT_SAMPLING.n_samples,
+    seed: int = DEFAULT_SAMPLING.seed,
 ) -> PreparedSurface:
     """Sample a surface and prepare it for the search.
 
-    `vertices` (n, 3), m. `faces` (m, 3): rows of those; ones without area are left out. Of fewer
-    `samples` distances scatter more, as their sampling floor tells. Raises ValueError if a vertex
-    is not finite, a face names none that is there, or the surface has no area.
+    `vertices` (n, 3) [m]. `faces` (m, 3): indices of vertices; faces without area are left out.
+    With fewer `samples` distances scatter more, as their sampling floor shows. Raises ValueError if
+    a vertex is not finite, an index is out of range, or the surface has no area.
     """
     corners = triangle_corners(vertices, faces)
     areas, normals = areas_and_normals(corners)
     corners, normals = corners[areas > 0.0], normals[areas > 0.0]
     if not len(corners):
         raise ValueError(f"a surface must have an area, but all {len(areas)} faces have none")
-    places = sample_surface(corners, samples, np.random.default_rng(SEED))
+    places = sample_surface(corners, samples, np.random.default_rng(seed))
     return PreparedSurface(normals, places, nearest_search(corners))
 
 
 def compare_surfaces(
-    one: PreparedSurface, other: PreparedSurface, height: float = -math.inf
+    first: PreparedSurface, second: PreparedSurface, height: float = -math.inf
 ) -> SurfaceDistances:
-    """Distances from the samples of each of two surfaces to the other; both count alike.
+    """Distances from the samples of each of two surfaces to the other, with equal weights.
 
-    `height`: `rms_above` tells of the samples above it, along z, whose nearest points lie above it
-    as well [m]; 0 if there are none.
+    `height`: `rms_above` is of the samples above it [m], along z, whose nearest points are above it
+    too; 0 if there are none.
     """
     (there, there_angles, up), (back, back_angles, down) = (
-        _one_way(*pair, height) for pair in ((one, other), (other, one))
+        _one_way(*pair, height) for pair in ((first, second), (second, first))
     )
     mean_square = 0.5 * (float(np.mean(there**2)) + float(np.mean(back**2)))
     above = there[up], back[down]
@@ -116,9 +138,9 @@ def compare_surfaces(
 def _one_way(
     source: PreparedSurface, target: PreparedSurface, height: float
 ) -> tuple[Floats, Floats, Bools]:
-    """Distance [m], angle between normals [rad] and whether both ends lie above a height [m].
+    """Distances [m], angles between normals [rad] and whether both ends are above a height [m].
 
-    Each (n,), at the source's samples.
+    (n,) each, at the source's samples.
     """
     nearest = nearest_points(target.search, source.samples.points)
     here, there = source.normals[source.samples.faces], target.normals[nearest.faces]
@@ -133,22 +155,22 @@ def _one_way(
 class SurfaceSamples(NamedTuple):
     """Points on a surface."""
 
-    points: Floats  # (n, 3), m
-    faces: NDArray[np.intp]  # (n,): the face on which each lies, ascending
+    points: Floats  # (n, 3) [m]
+    faces: NDArray[np.intp]  # (n,): face of each, ascending
 
 
 def sample_surface(corners: Floats, count: int, rng: np.random.Generator) -> SurfaceSamples:
     """Points on triangles, uniform by area.
 
-    Stratified: the faces are laid end to end by area, the line is cut into `count` equal pieces,
-    and each gets one point: means stay unbiased, but scatter as those of a larger plain sample.
-    Within a face: Osada et al., *Shape distributions*, 2002, (1). Raises ValueError without area.
+    Stratified: the cumulative area of the faces is cut into `count` equal intervals with one point
+    each: means stay unbiased, and scatter as those of a larger simple sample. Within a face: Osada
+    et al., *Shape distributions*, 2002, (1). Raises ValueError without area.
     """
     line = np.cumsum(areas_and_normals(corners)[0])
     if not line[-1] > 0.0:
         raise ValueError("a surface must have an area to be sampled, got 0")
     places = (np.arange(count) + rng.random(count)) / count * line[-1]
-    # To the right of all faces that end at or before the place: faces without area get none.
+    # side="right": faces without area get no point.
     faces = np.searchsorted(line, places, side="right")
     faces = np.minimum(faces, np.searchsorted(line, line[-1]))  # rounding of the last place
     root = np.sqrt(rng.random(count))[:, None]
@@ -158,63 +180,67 @@ def sample_surface(corners: Floats, count: int, rng: np.random.Generator) -> Sur
 
 
 class Alignment(NamedTuple):
-    """A rigid motion, and how well it fits."""
+    """A rigid motion and its residual."""
 
-    pose: Floats  # Of the points' frame in the surface's, (7,), w not negative
-    rms: float  # Root mean square distance of the moved points from the surface, m
-    converged: bool  # No small step lowers it
-    # A motion turned by more than 5 degrees leaves no more than 1.1 times as much: the surface
-    # looks alike from several sides.
+    pose: Floats  # of the points' frame in the surface's, (7,), w not negative
+    rms: float  # [m] root mean square distance of the moved points from the surface
+    converged: bool
+    # Whether a motion turned by more than 5 degrees has at most 1.1 times this residual, because
+    # the surface is symmetric.
     ambiguous: bool
 
 
 class _Scaled(NamedTuple):
-    """Points and surface, each about its own middle, over the surface's size."""
+    """Points and surface, each about its own mean, over the surface's size."""
 
     points: Floats
     surface: PreparedSurface
     middle: Floats
     size: float
-    turns: Floats  # Rotations (b, 3, 3) at which the starts begin
+    turns: Floats  # initial rotations (b, 3, 3)
 
 
-def align(points: ArrayLike, surface: PreparedSurface) -> Alignment:
-    """The rigid motion that brings points onto a surface; of those that fit alike the least turned.
+def align(
+    points: ArrayLike, surface: PreparedSurface, settings: AlignmentSettings = AlignmentSettings()
+) -> Alignment:
+    """The rigid motion of points onto a surface; of equal fits the one with the least turn.
 
-    `points` (n, 3): at least 6, spread over what they were taken from, m. Raises ValueError if
-    there are too few points, all in one place, or one is not finite.
+    `points` (n, 3): at least 6, spread over the object [m]. Raises ValueError if there are too few
+    points, all in one place, or one is not finite.
     """
-    given = finite_array("points", points, (None, 3))
-    if len(given) < FEWEST:
-        raise ValueError(f"points must be at least {FEWEST}, got {len(given)}")
-    middle = given.mean(axis=0)
-    if not np.ptp(given, axis=0).max() > 0.0:
+    places = finite_array("points", points, (None, 3))
+    if len(places) < MIN_POINTS:
+        raise ValueError(f"points must be at least {MIN_POINTS}, got {len(places)}")
+    middle = places.mean(axis=0)
+    if not np.ptp(places, axis=0).max() > 0.0:
         place = middle.tolist()
-        raise ValueError(f"points must not lie all in one place, got {len(given)} at {place}")
-    there = surface.samples.points
-    centre = there.mean(axis=0)
-    size = float(np.ptp(there, axis=0).max())
-    turns = _starts(given - middle, there - centre)
-    scaled = _Scaled((given - middle) / size, surface, centre, size, turns)
+        raise ValueError(f"points must not lie all in one place, got {len(places)} at {place}")
+    samples = surface.samples.points
+    centre = samples.mean(axis=0)
+    size = float(np.ptp(samples, axis=0).max())
+    turns = _starts(places - middle, samples - centre)
+    scaled = _Scaled((places - middle) / size, surface, centre, size, turns)
     begin = np.zeros((len(turns), 6))
     begin[0, 3:] = (middle - centre) / size
-    rough = _solve(scaled, FEW, begin, FIRST_STEPS)
-    best = _best(scaled, rough)
+    rough = _solve(scaled, settings.n_rough_points, begin, settings.rough_steps, settings)
+    best = _best(scaled, rough, settings)
     scaled = scaled._replace(turns=turns[best])
-    fine = _solve(scaled, MANY, rough.parameters[best], LAST_STEPS)
+    starts, n_points = rough.parameters[best], settings.n_fine_points
+    fine = _solve(scaled, n_points, starts, settings.fine_steps, settings)
     rotations = scaled.turns @ rotations_from_vectors(fine.parameters[:, :3])
-    rms = size * np.sqrt(2.0 * fine.cost / min(MANY, len(given)))
-    won = _least_turned(rms, rotations, size)
-    position = centre + size * fine.parameters[won, 3:] - rotations[won] @ middle
-    apart = np.array([rotation_angle(rotations[won], one) for one in rotations]) > APART
-    good = rms <= max(ALIKE * float(rms[won]), FLOOR * size)
-    pose = Pose(position, rotations[won]).array
+    rms = size * np.sqrt(2.0 * fine.cost / min(n_points, len(places)))
+    chosen = _least_turned(rms, rotations, size, settings)
+    position = centre + size * fine.parameters[chosen, 3:] - rotations[chosen] @ middle
+    angles = np.array([rotation_angle(rotations[chosen], other) for other in rotations])
+    limit = settings.max_ambiguous_ratio * float(rms[chosen])
+    rivals = (rms <= max(limit, settings.residual_floor * size)) & (angles > settings.min_turn)
+    pose = Pose(position, rotations[chosen]).array
     pose[3:] *= np.copysign(1.0, pose[6])
-    return Alignment(pose, float(rms[won]), bool(fine.converged[won]), bool((good & apart).any()))
+    return Alignment(pose, float(rms[chosen]), bool(fine.converged[chosen]), bool(rivals.any()))
 
 
 def _starts(points: Floats, there: Floats) -> Floats:
-    """Rotations (26, 3, 3): none, twice, and those that lay principal axes onto each other."""
+    """Rotations (26, 3, 3): the identity, twice, and those between principal axes."""
     units = np.array([np.eye(3)[list(order)] for order in permutations(range(3))])
     signs = np.array([[a, b, c] for a in (1, -1) for b in (1, -1) for c in (1, -1)])
     turned = (units[:, None] * signs[None, :, :, None]).reshape(-1, 3, 3)
@@ -223,20 +249,23 @@ def _starts(points: Floats, there: Floats) -> Floats:
     return np.concatenate([np.eye(3)[None], np.eye(3)[None], starts])
 
 
-def _solve(scaled: _Scaled, most: int, starts: Floats, steps: int) -> Solutions:
-    """From some starts, by the points' signed distances and how they change with turn and shift."""
-    chosen = np.linspace(0, len(scaled.points) - 1, min(most, len(scaled.points)))
-    points = scaled.points[chosen.round().astype(np.intp)]
+def _solve(
+    scaled: _Scaled, max_points: int, starts: Floats, steps: int, settings: AlignmentSettings
+) -> Solutions:
+    """Least squares of some points' signed distances from the surface, from several starts."""
+    chosen = np.linspace(0, len(scaled.points) - 1, min(max_points, len(scaled.points)))
+    points, on_surface = scaled.points[chosen.round().astype(np.intp)], settings.on_surface
 
     def problem(parameters: Floats, rows: Ints) -> tuple[Floats, Floats]:
         turns = scaled.turns[rows] @ rotations_from_vectors(parameters[:, :3])
         moved = points @ turns.transpose(0, 2, 1) + parameters[:, None, 3:]
         queries = scaled.middle + scaled.size * moved.reshape(-1, 3)
         nearest = nearest_points(scaled.surface.search, queries)
-        off = (queries - nearest.points) / scaled.size
+        offset = (queries - nearest.points) / scaled.size
         normals = scaled.surface.normals[nearest.faces]
         distance = nearest.distances / scaled.size
-        away = np.where((distance > ON)[:, None], off / np.maximum(distance, ON)[:, None], normals)
+        units = offset / np.maximum(distance, on_surface)[:, None]
+        away = np.where((distance > on_surface)[:, None], units, normals)
         side = np.where(np.einsum("ni,ni->n", away, normals) < 0.0, -1.0, 1.0)
         towards = (side[:, None] * away).reshape(moved.shape)
         local = np.cross(points, towards @ turns)
@@ -249,21 +278,23 @@ def _solve(scaled: _Scaled, most: int, starts: Floats, steps: int) -> Solutions:
         np.full(6, -np.inf),
         np.full(6, np.inf),
         steps=steps,
-        enough=ON * np.sqrt(len(points)),
-        tolerance=TOLERANCE,
+        min_residual=on_surface * np.sqrt(len(points)),
+        tolerance=settings.tolerance,
     )
 
 
-def _best(scaled: _Scaled, rough: Solutions) -> list[int]:
-    """The starts that came farthest, but of those that came to the same turn only one."""
+def _best(scaled: _Scaled, rough: Solutions, settings: AlignmentSettings) -> list[int]:
+    """Indices of the starts with the least costs, without those that end at an equal turn."""
     rotations = scaled.turns @ rotations_from_vectors(rough.parameters[:, :3])
     best: list[int] = []
-    for one in np.argsort(rough.cost, kind="stable").tolist():
-        if all(rotation_angle(rotations[one], rotations[other]) > APART for other in best):
-            best.append(one)
-    return best[:KEPT]
+    for index in np.argsort(rough.cost, kind="stable").tolist():
+        angles = (rotation_angle(rotations[index], rotations[other]) for other in best)
+        if all(angle > settings.min_turn for angle in angles):
+            best.append(index)
+    return best[: settings.n_refined]
 
 
-def _least_turned(rms: Floats, rotations: Floats, size: float) -> int:
-    same = np.flatnonzero(rms <= max(SAME * float(rms.min()), ON * size))
-    return int(same[np.argmin([rotation_angle(np.eye(3), rotations[one]) for one in same])])
+def _least_turned(rms: Floats, rotations: Floats, size: float, settings: AlignmentSettings) -> int:
+    limit = max(settings.max_equal_ratio * float(rms.min()), settings.on_surface * size)
+    equal = np.flatnonzero(rms <= limit)
+    return int(equal[np.argmin([rotation_angle(np.eye(3), turn) for turn in rotations[equal]])])

@@ -1,12 +1,13 @@
-"""Triangle meshes: areas, normals at faces and corners, whether one bounds a solid; rings joined.
+"""Triangle meshes: areas, normals of faces and corners, topology and solidity, meshes from rings.
 
-A corner's normal is smooth across blunt edges only. Each face at a vertex counts by its angle
-there: no other weights tell the side of every mesh (Bærentzen and Aanæs, 2005).
+A corner's normal is smooth across blunt edges only. Faces at a vertex are weighted by their angles
+there, because only these weights give the side of any mesh (Bærentzen and Aanæs, 2005).
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -18,25 +19,34 @@ if TYPE_CHECKING:
     from palpate.core.geometry.nearest import Nearest
 
 Indices = NDArray[np.intp]
-AT_CORNER = 1e-9  # Barycentric coordinate below which a nearest point lies on the opposite edge
-SHARP = math.radians(30.0)  # Faces that meet at more than this meet at an edge of the solid
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MeshSettings:
+    """Which edges of a mesh are edges of its solid."""
+
+    sharp_angle: float = math.radians(30.0)  # [rad] between faces at an edge of the solid
+
+
+DEFAULT_MESH = MeshSettings()
 
 
 class Solidity(NamedTuple):
-    """What kind of surface a mesh is."""
+    """Topology and volume of a mesh."""
 
-    watertight: bool  # Every edge has exactly two faces, which pass it in opposite directions
-    components: int  # Pieces that share no edge
-    genus: int | None  # Handles of all pieces together; None unless the mesh is watertight
-    volume: float  # Signed, m3: positive if normals point outwards; if watertight, anywhere
+    watertight: bool  # each edge has exactly two faces, which pass it in opposite directions
+    components: int  # pieces that share no edge
+    genus: int | None  # number of handles of all pieces; None unless the mesh is watertight
+    volume: float  # [m3] signed, positive with outward normals; about the mean if not watertight
 
 
 def solidity(vertices: ArrayLike, faces: ArrayLike) -> Solidity:
-    """Examine a mesh.
+    """Topology and volume of a mesh.
 
-    `vertices` (n, 3), m; `faces` (m, 3): rows of those. Raises ValueError as `triangle_corners`.
-    The genus is that of Euler's formula, V - E + F = 2 (components - genus). A vertex at which two
-    fans of faces touch counts once for each: two solids that touch in a point remain two spheres.
+    `vertices` (n, 3) [m]; `faces` (m, 3): indices of vertices. Raises ValueError as
+    `triangle_corners`. The genus is that of Euler's formula, V - E + F = 2 (components - genus). A
+    vertex at which two fans of faces touch counts once for each: two balls that touch in a point
+    remain two spheres.
     """
     corners = triangle_corners(vertices, faces)
     count = len(np.asarray(vertices))
@@ -54,7 +64,7 @@ def solidity(vertices: ArrayLike, faces: ArrayLike) -> Solidity:
 
 
 def _opposite_edges(rows: Indices, count: int) -> tuple[Indices, Indices] | None:
-    """Directed edges, numbered 3 f + i, and the opposite of each; None if one has none."""
+    """Directed edges, numbered 3 f + i, and the opposite of each; None if one is missing."""
     start, end = rows.ravel(), np.roll(rows, -1, axis=1).ravel()
     forward, backward = start * count + end, end * count + start
     order, reverse = np.argsort(forward), np.argsort(backward)
@@ -73,66 +83,68 @@ def _components(rows: Indices, count: int) -> int:
     return _count_groups(len(rows), order[same] // 3, order[same + 1] // 3)
 
 
-def _count_groups(count: int, one: Indices, other: Indices) -> int:
-    return int(linked_groups(count, one, other).max()) + 1
+def _count_groups(count: int, first: Indices, second: Indices) -> int:
+    return int(linked_groups(count, first, second).max()) + 1
 
 
-def linked_groups(count: int, one: NDArray[np.integer], other: NDArray[np.integer]) -> Ints:
-    """Group (count,), numbered from 0, to which each thing belongs, given linked pairs."""
+def linked_groups(count: int, first: NDArray[np.integer], second: NDArray[np.integer]) -> Ints:
+    """Connected group (count,), numbered from 0, of each of `count` items, from linked pairs."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
-    links = coo_array((np.ones(len(one), bool), (one, other)), shape=(count, count))
+    links = coo_array((np.ones(len(first), bool), (first, second)), shape=(count, count))
     return np.asarray(connected_components(links, directed=False)[1])
 
 
 def signed_volume(corners: Floats) -> float:
-    """Sum of the signed tetrahedra of triangles (m, 3, 3) over the origin, m3."""
+    """Sum [m3] of the signed tetrahedra of triangles (m, 3, 3) over the origin."""
     a, b, c = corners.transpose(1, 0, 2)
     return float(np.einsum("ni,ni->", a, np.cross(b, c))) / 6.0
 
 
 def is_closed(faces: Ints) -> bool:
-    """Whether each edge is walked once each way: no holes, and all faces turned alike.
+    """Whether each edge has one face in each direction: no holes, and consistent orientation.
 
-    `faces` (m, 3): corners, by number. Corners that only lie in the same place are not the same.
+    `faces` (m, 3): indices of vertices. Vertices in the same place with other indices differ.
     """
     rows = faces.astype(np.intp)
     return len(rows) > 0 and _opposite_edges(rows, int(rows.max()) + 1) is not None
 
 
 def has_paired_edges(faces: Ints) -> bool:
-    """Whether each edge of faces (m, 3) belongs to exactly two of them, whichever way they turn."""
+    """Whether each edge of faces (m, 3) belongs to exactly two of them, of any orientation."""
     return len(faces) > 0 and bool((face_edges(faces).counts == 2).all())
 
 
 class FaceEdges(NamedTuple):
     """The edges of a mesh, each once."""
 
-    ends: Ints  # (e, 2), the lower corner first, in rising order
-    numbers: Ints  # (m, 3): which edge follows each corner of each face
-    counts: Ints  # (e,): how many faces have it
+    ends: Ints  # (e, 2), the lower vertex first, sorted
+    numbers: Ints  # (m, 3): edge after each corner of each face
+    counts: Ints  # (e,): number of its faces
 
 
 def face_edges(faces: Ints) -> FaceEdges:
-    """The edges of faces (m, 3), whichever way they turn."""
+    """The edges of faces (m, 3) of any orientation."""
     ends = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
     # One number for each pair: rows of two are sorted ten times slower.
     pairs = ends[:, 0].astype(np.int64) * (int(faces.max(initial=0)) + 1) + ends[:, 1]
-    found = np.unique(pairs, return_index=True, return_inverse=True, return_counts=True)
-    numbers: Ints = found[2].reshape(-1, 3).astype(np.int32)
-    return FaceEdges(ends[found[1]], numbers, found[3].astype(np.int32))
+    _, first, inverse, counts = np.unique(
+        pairs, return_index=True, return_inverse=True, return_counts=True
+    )
+    numbers: Ints = inverse.reshape(-1, 3).astype(np.int32)
+    return FaceEdges(ends[first], numbers, counts.astype(np.int32))
 
 
 def is_inside_out(vertices: Floats, faces: Ints) -> bool:
-    """Whether faces (m, 3) of vertices (n, 3), m, seen from their middle, look inwards."""
+    """Whether the normals of faces (m, 3) of vertices (n, 3) [m] point inwards, about the mean."""
     return signed_volume((vertices - vertices.mean(axis=0))[faces]) < 0.0
 
 
 def triangle_corners(vertices: ArrayLike, faces: ArrayLike) -> Floats:
     """Corners (m, 3, 3) of each face: face, corner, coordinate.
 
-    `vertices` (n, 3), m. `faces` (m, 3): rows of those. Raises ValueError if a vertex is not
+    `vertices` (n, 3) [m]. `faces` (m, 3): indices of vertices. Raises ValueError if a vertex is not
     finite, or as `checked_faces`.
     """
     places = finite_array("vertices", vertices, (None, 3))
@@ -140,7 +152,7 @@ def triangle_corners(vertices: ArrayLike, faces: ArrayLike) -> Floats:
 
 
 def checked_faces(faces: ArrayLike, vertices: int) -> Indices:
-    """Faces (m, 3) of so many vertices; ValueError if there is none, or one names another."""
+    """Faces (m, 3) as indices of vertices; ValueError if there is none, or one is out of range."""
     rows = np.asarray(faces)
     if rows.ndim != 2 or rows.shape[1] != 3 or not len(rows) or rows.dtype.kind not in "iu":
         raise ValueError(
@@ -172,8 +184,8 @@ def axes_across(directions: Floats) -> Floats:
 def close_rings(bottom: Floats, rings: Floats, top: Floats) -> tuple[Floats, Ints]:
     """Watertight mesh of genus 0 from two poles and the rings between them.
 
-    `bottom` and `top` (3,): the poles, m. `rings` (m, n, 3): upwards, each counter-clockwise seen
-    from above. Returns vertices (m n + 2, 3), m, and faces (2 m n, 3), as `join_rings`.
+    `bottom` and `top` (3,): the poles [m]. `rings` (m, n, 3): upwards, each counter-clockwise seen
+    from above. Returns vertices (m n + 2, 3) [m] and faces (2 m n, 3), as `join_rings`.
     """
     count, size = rings.shape[:2]
     vertices = np.concatenate([bottom[None], rings.reshape(-1, 3), top[None]])
@@ -183,10 +195,10 @@ def close_rings(bottom: Floats, rings: Floats, top: Floats) -> tuple[Floats, Int
 def join_rings(sizes: Ints) -> Ints:
     """Faces of a closed surface from two poles and the rings between them.
 
-    `sizes` (m,): points of each ring, upwards; rings begin at the same turn and run
-    counter-clockwise seen from above; neighbours have as many, half or twice as many, or ValueError
-    is raised. Returns (f, 3), counter-clockwise seen from outside; vertex 0 is the lower pole, then
-    come the rings, then the upper pole.
+    `sizes` (m,): points of each ring, upwards; rings begin at the same azimuth and run
+    counter-clockwise seen from above; ValueError is raised unless neighbours have as many, half or
+    twice as many. Returns (f, 3), counter-clockwise seen from outside; vertex 0 is the lower pole,
+    followed by the rings and the upper pole.
     """
     counts = [int(size) for size in sizes]
     if min(counts, default=0) < 3:
@@ -228,17 +240,20 @@ def _ring(first: int, size: int) -> tuple[Ints, Ints]:
     return first + here, first + (here + 1) % size
 
 
-def are_outside(vertices: Floats, faces: Ints, points: Floats, nearest: Nearest) -> Bools:
+def are_outside(
+    vertices: Floats, faces: Ints, points: Floats, nearest: Nearest, on_edge: float = 1e-9
+) -> Bools:
     """Whether points (n, 3) lie outside a closed mesh, or on it.
 
-    By the normal at the nearest point: of the face, the sum of two along an edge, and at a vertex
-    that of all its faces, each by its angle there: Bærentzen and Aanæs, *Signed distance
-    computation using the angle weighted pseudonormal*, 2005.
+    By the normal at the nearest point: that of the face, the sum of two along an edge, and the sum
+    over all faces at a vertex, weighted by angle. `on_edge`: barycentric coordinate below which the
+    nearest point is on the opposite edge. Bærentzen and Aanæs, *Signed distance computation using
+    the angle weighted pseudonormal*, 2005.
     """
     corners = vertices[faces]
     normals = areas_and_normals(corners)[1]
     shares = _barycentric(corners[nearest.faces], normals[nearest.faces], nearest.points)
-    on = shares > AT_CORNER
+    on = shares > on_edge
     count = on.sum(axis=1)
     across = normals[nearest.faces]
     at_vertex, at_edge = np.flatnonzero(count <= 1), np.flatnonzero(count == 2)
@@ -252,9 +267,9 @@ def are_outside(vertices: Floats, faces: Ints, points: Floats, nearest: Nearest)
 
 
 def normals_at(corners: Floats, of_corners: Floats, nearest: Nearest) -> Floats:
-    """Unit normals (n, 3) at points of a mesh, between the normals of the corners of their faces.
+    """Unit normals (n, 3) at points of a mesh, interpolated between the corners of their faces.
 
-    `corners`, `of_corners` (m, 3, 3): places [m], and unit normals as `corner_normals` gives them.
+    `corners`, `of_corners` (m, 3, 3): places [m], and unit normals as of `corner_normals`.
     """
     near = corners[nearest.faces]
     shares = _barycentric(near, areas_and_normals(near)[1], nearest.points)
@@ -275,14 +290,14 @@ def _barycentric(corners: Floats, normals: Floats, points: Floats) -> Floats:
 
 
 def facet_sag(vertices: Floats, faces: Ints) -> float:
-    """Mean distance between a mesh and the surface that its corners' normals tell, m.
+    """Mean distance [m] between a mesh and the smooth surface with its corners' normals.
 
     A linear triangle misses a curved one by half the sum over its edges e of l_i l_j II(e, e), with
-    the barycentric coordinates l at the edge's ends; their product is 1/12 on average. How the
-    normal turns along an edge tells II(e, e).
+    the barycentric coordinates l of the edge's ends; their product is 1/12 on average. The turn of
+    the normal along an edge gives II(e, e).
     """
     corners = vertices[faces]
-    normals = corner_normals(vertices, faces, SHARP)
+    normals = corner_normals(vertices, faces)
     edges = np.roll(corners, -1, axis=1) - corners
     turned = np.roll(normals, -1, axis=1) - normals
     sag = np.abs(np.einsum("mij,mij->m", turned, edges)) / 24.0
@@ -291,20 +306,25 @@ def facet_sag(vertices: Floats, faces: Ints) -> float:
     return float(areas @ sag) / total if total > 0.0 else 0.0
 
 
-def corner_normals(vertices: Floats, faces: Ints, sharp: float) -> Floats:
-    """Unit normals (m, 3, 3) at corners of faces, parted by edges that turn by `sharp` and more."""
+def corner_normals(
+    vertices: Floats, faces: Ints, sharp_angle: float = DEFAULT_MESH.sharp_angle
+) -> Floats:
+    """Unit normals (m, 3, 3) at corners of faces, not averaged across sharp edges.
+
+    `sharp_angle`: between the faces at a sharp edge, at least [rad].
+    """
     corners = vertices[faces]
     normals = areas_and_normals(corners)[1]
     over = face_neighbours(faces)
-    blunt = np.einsum("mi,mji->mj", normals, normals[over]) > math.cos(min(sharp, math.pi))
+    blunt = np.einsum("mi,mji->mj", normals, normals[over]) > math.cos(min(sharp_angle, math.pi))
     face, edge = np.nonzero(blunt & (over != np.arange(len(faces))[:, None]))
     other = over[face, edge]
     links = []
     for corner in (edge, (edge + 1) % 3):
         there = (faces[other] == faces[face, corner][:, None]).argmax(axis=1)
         links.append((3 * face + corner, 3 * other + there))
-    one, two = (np.concatenate(part) for part in zip(*links, strict=True))
-    group = linked_groups(faces.size, one, two)
+    first, second = (np.concatenate(part) for part in zip(*links, strict=True))
+    group = linked_groups(faces.size, first, second)
     weighted = (corner_angles(corners)[:, :, None] * normals[:, None]).reshape(-1, 3)
     sums = np.stack([np.bincount(group, column) for column in weighted.T], axis=-1)
     length = np.linalg.norm(sums, axis=1, keepdims=True)
@@ -313,19 +333,19 @@ def corner_normals(vertices: Floats, faces: Ints, sharp: float) -> Floats:
 
 
 def face_neighbours(faces: Ints) -> Ints:
-    """The face over the edge that begins at each corner, (m, 3); itself where there is none."""
+    """Neighbour across the edge that begins at each corner, (m, 3); the face itself without one."""
     begin = faces.astype(np.int64)
     end = np.roll(begin, -1, axis=1)
     count = int(begin.max()) + 1
-    keys, wanted = (begin * count + end).ravel(), (end * count + begin).ravel()
+    keys, opposite = (begin * count + end).ravel(), (end * count + begin).ravel()
     order = np.argsort(keys, kind="stable")
-    found = order[np.minimum(np.searchsorted(keys[order], wanted), len(keys) - 1)]
-    over = np.where(keys[found] == wanted, found, np.arange(len(keys))) // 3
+    match = order[np.minimum(np.searchsorted(keys[order], opposite), len(keys) - 1)]
+    over = np.where(keys[match] == opposite, match, np.arange(len(keys))) // 3
     return over.reshape(faces.shape).astype(np.int32)
 
 
 def corner_angles(corners: Floats) -> Floats:
-    """Angles (m, 3) of triangles (m, 3, 3) at their corners, rad."""
+    """Angles (m, 3) [rad] of triangles (m, 3, 3) at their corners."""
     ahead, back = (np.roll(corners, -step, axis=1) - corners for step in (1, 2))
     sine = np.linalg.norm(np.cross(ahead, back), axis=2)
     return np.asarray(np.arctan2(sine, np.einsum("ijk,ijk->ij", ahead, back)))

@@ -1,10 +1,9 @@
 """Exact nearest points on a triangle mesh, many at once.
 
-The triangle with the nearest centre gives each query an upper bound. Every triangle whose box
-begins nearer than that, and whose disc does too, is then measured. The boxes are sorted along a
-Morton curve; each four of them get a box about them, up to the root: a search descends one level
-for all points together. Large triangles are cut up. Own code: trimesh's needs a compiled extra, and
-is not exact.
+The triangle with the nearest centre gives each query an upper bound. All triangles whose box and
+disc are nearer than the bound are then measured. The boxes are sorted along a Morton curve and
+joined by fours, up to the root: a search descends one level for all points together. Large
+triangles are cut. Not trimesh's search, which needs a compiled extra and is not exact.
 """
 
 from __future__ import annotations
@@ -26,19 +25,21 @@ if TYPE_CHECKING:
     from scipy.spatial import cKDTree
 
 Indices = NDArray[np.intp]
-SLIVER_HEIGHT = 1e-8  # Over length, below which a triangle counts as its edges alone
-CHILDREN = 4
-BLOCK = 4096  # Points that descend together
-MOST_PAIRS = 1 << 20  # Pairs of point and box that are held at once, unless a single point has more
-SLIVER_AREA = 1e-6  # Over squared radius, below which a normal is mostly rounding
-SLACK = 1e-13  # Of the squared distance to the centre: what rounding may take from the bound
-EXTRA_PIECES = 50_000  # Pieces that may be cut beyond twice the number of faces
-COMPACT = 2.0  # Longest edge over the root of the mean area at which a piece is left whole
-NEXT_LIMIT = 0.7  # Each round cuts what is longer than this share of the round before
+N_CHILDREN = 4  # boxes in one box of the next level
+SLIVER_HEIGHT = 1e-8  # over length; a lower triangle counts as its edges alone
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CuttingSettings:
+    """How far long triangles are cut for the search, which changes its speed alone."""
+
+    max_extra_pieces: int = 50_000  # beyond twice the number of faces
+    max_length: float = 2.0  # longest edge over the root of the mean area
+    length_step: float = 0.7  # of the limit from one round to the next
 
 
 def point_tree(points: Floats, *, balanced: bool = True) -> cKDTree:
-    """Points (n, k) to be searched, `balanced` unless once; scipy is imported for those who do."""
+    """Search tree of points (n, k), `balanced` unless used once; scipy is imported only here."""
     from scipy.spatial import cKDTree
 
     return cKDTree(points, balanced_tree=balanced, compact_nodes=balanced)
@@ -46,28 +47,28 @@ def point_tree(points: Floats, *, balanced: bool = True) -> cKDTree:
 
 @readable
 class Nearest(NamedTuple):
-    """Where the surface is nearest to each query."""
+    """Point of the surface nearest to each query."""
 
-    distances: Floats  # (n,), m
-    points: Floats  # (n, 3), m
-    faces: Indices  # (n,): the face on which each point lies
+    distances: Floats  # (n,) [m]
+    points: Floats  # (n, 3) [m]
+    faces: Indices  # (n,): face of each point
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NearestSearch:
-    """A surface, ready to be asked for its nearest points."""
+    """A surface prepared for searches of nearest points."""
 
     triangles: Triangles
-    centres: cKDTree  # Over the centres of the pieces
-    boxes: BoxTree  # About the pieces
-    discs: BoundingDiscs  # About the pieces
-    face: Indices  # The face that each piece was cut from
+    centres: cKDTree  # of the pieces
+    boxes: BoxTree  # around the pieces
+    discs: BoundingDiscs  # around the pieces
+    face: Indices  # face of each piece
 
 
-def nearest_search(corners: Floats) -> NearestSearch:
+def nearest_search(corners: Floats, settings: CuttingSettings = CuttingSettings()) -> NearestSearch:
     """Prepare triangles (m, 3, 3) for the search."""
-    pieces, face = cut_long_triangles(corners)
-    # By corners: to reduce along an axis of three takes several times as long.
+    pieces, face = cut_long_triangles(corners, settings)
+    # By corners: reducing along an axis of three takes several times as long.
     a, b, c = pieces.transpose(1, 0, 2)
     low, high = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
     discs = BoundingDiscs.about(pieces)
@@ -80,14 +81,16 @@ def nearest_search(corners: Floats) -> NearestSearch:
     )
 
 
-def cut_long_triangles(corners: Floats) -> tuple[Floats, Indices]:
-    """Triangles (p, 3, 3), cut until they are short, or too many; from which each was cut."""
+def cut_long_triangles(
+    corners: Floats, settings: CuttingSettings = CuttingSettings()
+) -> tuple[Floats, Indices]:
+    """Triangles (p, 3, 3), halved until they are short or too many, and the face of each (p,)."""
     pieces, faces = corners, np.arange(len(corners))
-    most = 2 * len(corners) + EXTRA_PIECES
+    most = 2 * len(corners) + settings.max_extra_pieces
     area = float(areas_and_normals(corners)[0].sum())
     length = np.sqrt(_squared_edges(pieces).max(axis=1))
     limit = float(length.max())
-    while limit > COMPACT * math.sqrt(area / len(pieces)):
+    while limit > settings.max_length * math.sqrt(area / len(pieces)):
         long = length > limit
         if len(pieces) + np.count_nonzero(long) > most:
             break
@@ -98,7 +101,7 @@ def cut_long_triangles(corners: Floats) -> tuple[Floats, Indices]:
             new = np.sqrt(_squared_edges(halves).max(axis=1))
             length = np.concatenate([length[~long], new])
         else:
-            limit *= NEXT_LIMIT
+            limit *= settings.length_step
     return pieces, faces
 
 
@@ -116,7 +119,7 @@ def _squared_edges(corners: Floats) -> Floats:
 
 
 def nearest_points(search: NearestSearch, queries: Floats) -> Nearest:
-    """Nearest point of the surface to each query (n, 3); of faces equally near any one is named."""
+    """Nearest point of the surface to each query (n, 3); of faces equally near any one is given."""
     faces = search.face[search.centres.query(queries)[1]]
     distances, points = _measure(search.triangles, faces, queries)
     best = Nearest(distances, points, faces)
@@ -135,10 +138,10 @@ def _improve(
     nearer = nearer[np.lexsort((distances[nearer], query[nearer]))]
     rows = query[nearer]
     is_first = np.diff(rows, prepend=-1) > 0
-    rows, won = rows[is_first], nearer[is_first]
-    best.distances[rows] = distances[won]
-    best.points[rows] = points[won]
-    best.faces[rows] = faces[won]
+    rows, nearest = rows[is_first], nearer[is_first]
+    best.distances[rows] = distances[nearest]
+    best.points[rows] = points[nearest]
+    best.faces[rows] = faces[nearest]
 
 
 def _measure(triangles: Triangles, faces: Indices, points: Floats) -> tuple[Floats, Floats]:
@@ -149,11 +152,11 @@ def _measure(triangles: Triangles, faces: Indices, points: Floats) -> tuple[Floa
 
 
 def nearest_on(triangles: Triangles, faces: Indices, points: Floats) -> Floats:
-    """Nearest point (n, 3) of one triangle, by number (n,), to each point (n, 3), m."""
+    """Nearest point (n, 3) of one triangle, by index (n,), to each point (n, 3) [m]."""
     start, edges = triangles.corner[faces], triangles.edges[faces]
     offset = points - start
     s, t = np.einsum("nij,nj->in", triangles.dual[faces], offset)
-    inside = (s > 0.0) & (t > 0.0) & (s + t < 1.0)  # A sliver has s = t = 0: no interior
+    inside = (s > 0.0) & (t > 0.0) & (s + t < 1.0)  # a sliver has s = t = 0: no interior
     along = np.stack([s, t], axis=1)
     outside = np.flatnonzero(~inside)
     along[outside] = _along_edges(edges[outside], offset[outside])
@@ -161,13 +164,13 @@ def nearest_on(triangles: Triangles, faces: Indices, points: Floats) -> Floats:
 
 
 def _along_edges(edges: Floats, offset: Floats) -> Floats:
-    """Coordinates (n, 2) along u and v of the nearest point of the triangle's outline."""
+    """Coordinates (n, 2) along u and v of the nearest point on the triangle's edges."""
     u, v = edges[:, 0], edges[:, 1]
     w = v - u
-    on_u = _share(_dot(offset, u), _dot(u, u))
-    on_v = _share(_dot(offset, v), _dot(v, v))
-    on_w = _share(_dot(offset - u, w), _dot(w, w))
-    to_u = offset - on_u[:, None] * u  # From differences: products are right to 1e-8 only
+    on_u = _edge_fraction(_dot(offset, u), _dot(u, u))
+    on_v = _edge_fraction(_dot(offset, v), _dot(v, v))
+    on_w = _edge_fraction(_dot(offset - u, w), _dot(w, w))
+    to_u = offset - on_u[:, None] * u  # from differences: products are exact to 1e-8 only
     to_v = offset - on_v[:, None] * v
     to_w = offset - u - on_w[:, None] * w
     best = np.stack([_dot(to_u, to_u), _dot(to_v, to_v), _dot(to_w, to_w)]).argmin(axis=0)
@@ -175,22 +178,22 @@ def _along_edges(edges: Floats, offset: Floats) -> Floats:
     return np.stack([s, np.choose(best, [0.0, on_v, on_w])], axis=1)
 
 
-def _share(numerator: Floats, square: Floats) -> Floats:
-    """Where along an edge, from 0 to 1; 0 on an edge without length."""
+def _edge_fraction(numerator: Floats, square: Floats) -> Floats:
+    """Place along an edge, from 0 to 1; 0 on an edge without length."""
     long = square > 0.0
     return np.where(long, np.clip(numerator / np.where(long, square, 1.0), 0.0, 1.0), 0.0)
 
 
-def _dot(one: Floats, other: Floats) -> Floats:
-    return np.asarray(np.einsum("ij,ij->i", one, other))
+def _dot(a: Floats, b: Floats) -> Floats:
+    return np.asarray(np.einsum("ij,ij->i", a, b))
 
 
 class Triangles(NamedTuple):
-    """Triangles, with what every question about them needs."""
+    """Triangles with precomputed vectors."""
 
-    corner: Floats  # (m, 3): the first corner, m
-    edges: Floats  # (m, 2, 3): from the first corner to the second and to the third, m
-    dual: Floats  # (m, 2, 3): what gives the two coordinates along the edges, 1/m; 0 for a sliver
+    corner: Floats  # (m, 3) [m]: the first corner
+    edges: Floats  # (m, 2, 3) [m]: from the first corner to the second and to the third
+    dual: Floats  # (m, 2, 3) [1/m]: dual to the edges; 0 for a sliver
 
     @classmethod
     def of(cls, corners: Floats) -> Self:
@@ -207,43 +210,46 @@ class Triangles(NamedTuple):
 
 
 def are_slivers(corners: Floats) -> Bools:
-    """Which triangles (m, 3, 3) have no area: they are lower than 1e-8 of their longest edge."""
+    """Which triangles (m, 3, 3) have no area: their height is up to 1e-8 of the longest edge."""
     longest = _squared_edges(corners).max(axis=1)
     return np.asarray(2.0 * areas_and_normals(corners)[0] <= SLIVER_HEIGHT * longest)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BoxTree:
-    """Boxes about things, boxes about four of those, and so on."""
+    """Boxes around items, boxes around four of those, and so on."""
 
-    # Centres and half extents (n, 3, 4) of the boxes of each level, four of one parent together, m;
-    # the root's children come last.
+    # Centres and half extents (n, 3, 4) [m] of the boxes of each level, four of one parent
+    # together; the root's children come last.
     levels: tuple[tuple[Floats, Floats], ...]
-    order: Indices  # The thing in each box of the first level
+    order: Indices  # item in each box of the first level
 
     @classmethod
     def about(cls, low: Floats, high: Floats) -> Self:
-        """From the smallest and largest coordinates (n, 3) of each thing."""
+        """From the smallest and largest coordinates (n, 3) of each item."""
         order = morton_order(0.5 * (low + high))
         low, high = low[order], high[order]
         levels = [_padded(low, high)]
-        while len(low) > CHILDREN:
-            first = np.arange(0, len(low), CHILDREN)
+        while len(low) > N_CHILDREN:
+            first = np.arange(0, len(low), N_CHILDREN)
             low, high = np.minimum.reduceat(low, first), np.maximum.reduceat(high, first)
             levels.append(_padded(low, high))
         return cls(tuple(levels), order)
 
-    def within(self, points: Floats, reach: Floats) -> Iterator[tuple[Indices, Indices]]:
-        """Things whose boxes begin nearer to a point than its reach.
+    def within(
+        self, points: Floats, reach: Floats, *, block: int = 4096, max_pairs: int = 1 << 20
+    ) -> Iterator[tuple[Indices, Indices]]:
+        """Items whose boxes are nearer to a point than its reach.
 
-        `points` (n, 3), m. `reach` (n,), m. Yields `point`, `thing` (p,): all such pairs, by
-        ascending point; all pairs of a point come together.
+        `points` (n, 3) [m]. `reach` (n,) [m]. `block`: points that descend together. `max_pairs`:
+        of point and box in memory, unless a single point has more. Yields `point`, `item` (p,): all
+        such pairs, by ascending point; all pairs of a point are in one result.
         """
         square = reach * reach
-        blocks = np.split(np.arange(len(points)), range(BLOCK, len(points), BLOCK))[::-1]
+        blocks = np.split(np.arange(len(points)), range(block, len(points), block))[::-1]
         while blocks:
             rows = blocks.pop()
-            pairs = self._descend(points, square, rows)
+            pairs = self._descend(points, square, rows, max_pairs)
             if pairs is None:
                 half = len(rows) // 2
                 blocks += [rows[half:], rows[:half]]
@@ -251,12 +257,12 @@ class BoxTree:
                 yield pairs
 
     def _descend(
-        self, points: Floats, square: Floats, rows: Indices
+        self, points: Floats, square: Floats, rows: Indices, max_pairs: int
     ) -> tuple[Indices, Indices] | None:
-        """Pairs of the points in these rows; None if they are too many to be held."""
+        """Pairs of the points in some rows; None if they are too many."""
         point, box = rows, np.zeros(len(rows), np.intp)
         for centre, half in reversed(self.levels):
-            if len(point) * CHILDREN > MOST_PAIRS and len(rows) > 1:
+            if len(point) * N_CHILDREN > max_pairs and len(rows) > 1:
                 return None
             gap = points[point][:, :, None] - centre[box]
             np.abs(gap, out=gap)
@@ -264,42 +270,50 @@ class BoxTree:
             np.maximum(gap, 0.0, out=gap)
             near = np.einsum("ijk,ijk->ik", gap, gap) < square[point, None]
             parent, child = np.nonzero(near)
-            point, box = point[parent], box[parent] * CHILDREN + child
+            point, box = point[parent], box[parent] * N_CHILDREN + child
         return point, self.order[box]
 
 
 def _padded(low: Floats, high: Floats) -> tuple[Floats, Floats]:
-    """Centres and half extents by fours, (n, 3, 4), filled up with boxes that nothing reaches."""
-    missing = -len(low) % CHILDREN
+    """Centres and half extents by fours, (n, 3, 4), padded with empty boxes."""
+    missing = -len(low) % N_CHILDREN
     centre = np.concatenate([0.5 * (low + high), np.zeros((missing, 3))])
     half = np.concatenate([0.5 * (high - low), np.full((missing, 3), -np.inf)])
-    fours = (-1, CHILDREN, 3)
+    fours = (-1, N_CHILDREN, 3)
     centre, half = (np.swapaxes(a.reshape(fours), 1, 2).copy() for a in (centre, half))
     return centre, half
 
 
 class BoundingDiscs(NamedTuple):
-    """The disc about the centre of each triangle, in its plane, that holds it."""
+    """The disc around the centre of each triangle, in its plane, that contains it."""
 
-    centres: Floats  # (n, 3), m
+    centres: Floats  # (n, 3) [m]
     normals: Floats  # (n, 3), unit; 0 for a sliver, whose disc becomes a ball
-    radii: Floats  # (n,), m
+    radii: Floats  # (n,) [m]
 
     @classmethod
-    def about(cls, corners: Floats) -> Self:
-        """From the corners (n, 3, 3) of triangles."""
+    def about(cls, corners: Floats, min_area: float = 1e-6) -> Self:
+        """From the corners (n, 3, 3) of triangles.
+
+        `min_area`: over the squared radius; the normals of smaller ones are mostly rounding.
+        """
         centres = (corners[:, 0] + corners[:, 1] + corners[:, 2]) / 3.0
         offset = corners - centres[:, None]
         square = np.einsum("ijk,ijk->ij", offset, offset).max(axis=1)
         areas, normals = areas_and_normals(corners)
-        normals[areas <= SLIVER_AREA * square] = 0.0
+        normals[areas <= min_area * square] = 0.0
         return cls(centres, normals, np.sqrt(square))
 
-    def within(self, discs: Indices, points: Floats, reach: Floats) -> Bools:
-        """Whether each disc (n,) may come within the reach (n,) of a point (n, 3)."""
+    def within(
+        self, discs: Indices, points: Floats, reach: Floats, rounding: float = 1e-13
+    ) -> Bools:
+        """Whether each disc (n,) may be within the reach (n,) of a point (n, 3).
+
+        `rounding`: of the squared distance, relative to that of the centre.
+        """
         offset = points - self.centres[discs]
         height = np.einsum("ij,ij->i", offset, self.normals[discs])
         square = np.einsum("ij,ij->i", offset, offset)
         beside = np.sqrt(np.maximum(square - height * height, 0.0)) - self.radii[discs]
         beside = np.maximum(beside, 0.0)
-        return np.asarray(height * height + beside * beside <= reach * reach + SLACK * square)
+        return np.asarray(height * height + beside * beside <= reach * reach + rounding * square)

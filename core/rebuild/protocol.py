@@ -19,7 +19,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from palpate.core.arrays import Floats, Ints, finite_array
 from palpate.core.geometry import (
-    SHARP,
     NearestSearch,
     are_outside,
     are_slivers,
@@ -296,4 +295,4 @@ class MeshSolid(Solid):
 
     @cached_property
     def _corner_normals(self) -> Floats:
-        return corner_normals(self.vertices, self.faces, SHARP)
+        return corner_normals(self.vertices, self.faces)

@@ -1,12 +1,11 @@
 """Solids that can be touched.
 
-One protocol (bounds, rays cast at it, a mesh), and a chapter a kind of solid.
+One protocol (bounds, ray casting, a mesh), and a module for each kind of solid.
 
-A user adds a solid by writing a class that answers `Shape`, or `ImplicitShape` if it is to be
-deformed, or `CsgSolid` if it is to be combined; nothing has to be registered here. Casting is
-exact: the constants are tolerances and limits of work, not parameters. It rests on numpy and
-`palpate.core.geometry`; Embree and the manifold library are imported only by those who ask for
-them.
+A user adds a solid as a class that implements `Shape`, or `ImplicitShape` if it is to be deformed,
+or `CsgSolid` if it is to be combined; nothing has to be registered here. Casting is exact up to
+tolerances and limits of work. It depends on numpy and `palpate.core.geometry`; Embree and the
+manifold library are imported only where they are used.
 """
 
 from palpate.core.shapes.boolean_solids import (
@@ -67,8 +66,8 @@ from palpate.core.shapes.superquadric_measures import (
     superquadric_volume as superquadric_volume,
 )
 from palpate.core.shapes.superquadrics import (
-    LARGEST_EXPONENT as LARGEST_EXPONENT,
-    LEAST_EXPONENT as LEAST_EXPONENT,
+    MAX_EXPONENT as MAX_EXPONENT,
+    MIN_EXPONENT as MIN_EXPONENT,
     PNorm as PNorm,
     PNormCurvature as PNormCurvature,
     Superquadric as Superquadric,

@@ -1,9 +1,9 @@
-"""Boolean combinations of solids, cast exactly: their trees, their R-functions, their meshes.
+"""Boolean combinations of solids, cast exactly: their trees, R-functions and meshes.
 
-R-functions are the Boolean algebra of solids that are given as f >= 0: Fung, 1999, (2.33) to
-(2.37), in a form in which no digits cancel and nothing overflows. With S the root of f1^2 + f2^2 -
-2 omega f1 f2, the product (f1 + f2 + S)(f1 + f2 - S) is 2 (1 + omega) f1 f2: of the two factors
-only the larger one is computed from its sum.
+R-functions are the Boolean algebra of solids with f >= 0 inside: Fung, 1999, (2.33) to (2.37), in a
+form without cancellation and overflow. With S the root of f1^2 + f2^2 - 2 omega f1 f2, the product
+(f1 + f2 + S)(f1 + f2 - S) is 2 (1 + omega) f1 f2: of the two factors only the larger one is
+computed from its sum.
 """
 
 from __future__ import annotations
@@ -23,30 +23,35 @@ from palpate.core.shapes.half_spaces import HalfSpace, polytope_box
 from palpate.core.shapes.mending import arrays_of, as_manifold
 from palpate.core.shapes.protocol import INSIDE, MISS, CsgSolid, ImplicitShape, Mesh
 
-CHECK_LEVEL = 3
-LEAST_VOLUME = 1e-9  # Of the box about it; what has less is rounding
-# Of so many solids and more, each is meshed a level coarser, and again for four times as many:
-# together they have no more facets than a few.
-MANY_LEAVES = 8
-MOST_PARTS = 64  # Solids and combinations of a tree
+MAX_PARTS = 64  # solids and combinations of a tree
 Leaf = CsgSolid | HalfSpace
-ROOM = 3.0  # All that is unbounded is cut to a box this many times as large as the whole
 LARGEST = float(np.finfo(np.float64).max)
-LEAST = float(np.finfo(np.float64).smallest_subnormal)
+SMALLEST = float(np.finfo(np.float64).smallest_subnormal)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BooleanSettings:
+    """Tessellation of a combination of solids."""
+
+    check_level: int = 3  # of the mesh whose volume is tested
+    min_volume: float = 1e-9  # fraction of the box; smaller is rounding
+    # Solids from which on each is meshed a level coarser, and a further one from four times as many
+    # on: together they have no more facets than a few.
+    many_solids: int = 8
 
 
 class BooleanShape(ImplicitShape):
     """A tree of unions, intersections, differences and complements of solids.
 
     `tree`: of `Union`, `Intersection`, `difference` and `complement_of`. Raises ValueError if the
-    tree has more than 64 parts, or the whole is unbounded or empty. Fung, 1999, (2.31) to (2.35),
-    regularised: what has no inside, as the face in which solids touch, is left out.
+    tree has more than 64 parts, or the result is unbounded or empty. Fung, 1999, (2.31) to (2.35),
+    regularised: parts without inside, as the face in which solids touch, are left out.
     """
 
-    def __init__(self, tree: Tree):
-        if has_more_parts(tree, MOST_PARTS):
-            raise ValueError(f"the tree must have at most {MOST_PARTS} parts in all, got more")
-        self._tree = tree
+    def __init__(self, tree: Tree, settings: BooleanSettings = BooleanSettings()):
+        if has_more_parts(tree, MAX_PARTS):
+            raise ValueError(f"the tree must have at most {MAX_PARTS} parts in all, got more")
+        self._tree, self._settings = tree, settings
         self._leaves = tuple(tree_leaves(tree))
         self._box = tree_enclosure(tree)
         if not np.isfinite(self._box).all() and (self._box[0] < self._box[1]).all():
@@ -58,7 +63,7 @@ class BooleanShape(ImplicitShape):
             raise ValueError("the tree leaves nothing: its solids have no inside in common")
 
     def enclosure(self) -> Floats:
-        """A box about the whole: see `ImplicitShape.enclosure`."""
+        """A box around the result: see `ImplicitShape.enclosure`."""
         return self._box
 
     def inside_out(self, points: Floats, directions: Floats) -> tuple[Floats, Floats]:
@@ -77,37 +82,39 @@ class BooleanShape(ImplicitShape):
         return ranges
 
     def spans(self, origins: Floats, direction: Floats) -> Floats:
-        """Where parallel rays are inside: see `CsgSolid.spans`."""
+        """Spans of parallel rays inside: see `CsgSolid.spans`."""
         places, inside = self._sections(origins, direction)
         ends = np.concatenate([places[:, 1:], np.full((len(places), 1), np.inf)], axis=1)
-        places, ends = (np.where(inside, one, np.inf) for one in (places, ends))
+        places, ends = (np.where(inside, at, np.inf) for at in (places, ends))
         return np.asarray(np.sort(np.stack([places, ends], axis=2), axis=1))
 
     def mesh(self, level: int) -> Mesh:
         """The combination of the leaves' tessellations: see `Shape.mesh`."""
-        coarser = sum(len(self._leaves) >= many for many in (MANY_LEAVES, 4 * MANY_LEAVES))
+        many = self._settings.many_solids
+        coarser = sum(len(self._leaves) >= count for count in (many, 4 * many))
         return combined_mesh(self._tree, self._box, max(level - coarser, 0))
 
     def _is_thin(self) -> bool:
-        vertices, faces = combined_mesh(self._tree, self._box, CHECK_LEVEL)
+        vertices, faces = combined_mesh(self._tree, self._box, self._settings.check_level)
         volume = signed_volume((vertices - self._box[0])[faces])
-        return volume <= LEAST_VOLUME * float(np.prod(self._box[1] - self._box[0]))
+        whole = float(np.prod(self._box[1] - self._box[0]))
+        return volume <= self._settings.min_volume * whole
 
     def _sections(self, origins: Floats, direction: Floats) -> tuple[Floats, Bools]:
-        """Places at which rays pass a leaf's surface, (n, e) in order, and what follows each.
+        """Places at which rays pass a leaf's surface, (n, e) in order.
 
-        That is whether the ray is inside from there to the next place.
+        And whether the ray is inside from each to the next place.
         """
         spans = [leaf.spans(origins, direction) for leaf in self._leaves]
-        places = np.concatenate([one.reshape(len(origins), -1) for one in spans], axis=1)
+        places = np.concatenate([span.reshape(len(origins), -1) for span in spans], axis=1)
         order = places.argsort(axis=1, kind="stable")
         places = np.take_along_axis(places, order, axis=1)
-        leaf = np.repeat(np.arange(len(spans)), [2 * one.shape[1] for one in spans])
-        turn = np.concatenate([np.tile([1, -1], one.shape[1]) for one in spans])
+        leaf = np.repeat(np.arange(len(spans)), [2 * span.shape[1] for span in spans])
+        turn = np.concatenate([np.tile([1, -1], span.shape[1]) for span in spans])
         leaf, turn = leaf[order], turn[order]
         states = (np.cumsum(np.where(leaf == n, turn, 0), axis=1) > 0 for n in range(len(spans)))
         inside = tree_membership(self._tree, iter(states))
-        last = np.ones_like(inside)  # Of ends in one place the last says what comes then
+        last = np.ones_like(inside)  # of several ends in one place the last decides
         last[:, :-1] = places[:, 1:] > places[:, :-1]
         return places, inside & last & (places < np.inf)
 
@@ -123,33 +130,33 @@ class _Joined:
 
 
 class Union(_Joined):
-    """All that is in any of the `parts`."""
+    """Points in any of the `parts`."""
 
     __slots__ = ()
 
 
 class Intersection(_Joined):
-    """All that is in each of the `parts`."""
+    """Points in all of the `parts`."""
 
     __slots__ = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Complement:
-    """All that is not in the part."""
+    """Points outside the part."""
 
     part: Tree
 
 
-def difference(first: Tree, *others: Tree) -> Intersection:
-    """All that is in the first and in none of the others."""
-    if not others:
+def difference(first: Tree, *removed: Tree) -> Intersection:
+    """Points in the first part and in none of the removed ones."""
+    if not removed:
         raise ValueError("difference must have at least 2 parts, got 1")
-    return Intersection((first, *(complement_of(other) for other in others)))
+    return Intersection((first, *(complement_of(part) for part in removed)))
 
 
 def with_inner_complement(tree: Tree) -> Tree:
-    """The same whole, outermost a complement only if it is that of a solid (De Morgan)."""
+    """Equivalent tree whose root is a complement only if it is that of a solid (De Morgan)."""
     if isinstance(tree, Complement) and isinstance(tree.part, _Joined):
         parts = tuple(complement_of(part) for part in tree.part.parts)
         return Intersection(parts) if isinstance(tree.part, Union) else Union(parts)
@@ -157,14 +164,14 @@ def with_inner_complement(tree: Tree) -> Tree:
 
 
 def complement_of(part: Tree) -> Tree:
-    """All that is not in the part; twice that is the part, and a half-space has another."""
+    """Points outside the part; of a complement its part, of a half-space the opposite one."""
     if isinstance(part, Complement):
         return part.part
     return part.complement() if isinstance(part, HalfSpace) else Complement(part)
 
 
 def has_more_parts(tree: Tree, most: int) -> bool:
-    """Whether a tree has more solids and combinations than that, however deep it is."""
+    """Whether a tree of any depth has more than `most` solids and combinations."""
     count, ahead = 0, [tree]
     while ahead and count <= most:
         count += 1
@@ -173,7 +180,7 @@ def has_more_parts(tree: Tree, most: int) -> bool:
 
 
 def tree_leaves(tree: Tree) -> Iterator[Leaf]:
-    """The solids of a tree, in the order in which all functions here take them."""
+    """The solids of a tree, in the order of all functions here."""
     if isinstance(tree, (_Joined, Complement)):
         for part in _parts(tree):
             yield from tree_leaves(part)
@@ -188,7 +195,7 @@ def _parts(tree: Tree) -> tuple[Tree, ...]:
 
 
 def tree_membership(tree: Tree, states: Iterator[Bools]) -> Bools:
-    """Whether places are in the whole, from whether they are in each leaf."""
+    """Whether places are in the result, from whether they are in each leaf."""
     if isinstance(tree, Complement):
         return ~tree_membership(tree.part, states)
     if isinstance(tree, _Joined):
@@ -198,7 +205,7 @@ def tree_membership(tree: Tree, states: Iterator[Bools]) -> Bools:
 
 
 def unbounded_part(tree: Tree, name: str = "the tree") -> str:
-    """Name of the smallest part to which it is due that a tree is unbounded."""
+    """Name of the smallest part that makes a tree unbounded."""
     if isinstance(tree, Union):
         for number, part in enumerate(tree.parts):
             if not np.isfinite(tree_enclosure(part)).all():
@@ -208,7 +215,7 @@ def unbounded_part(tree: Tree, name: str = "the tree") -> str:
 
 
 def tree_enclosure(tree: Tree) -> Floats:
-    """Corners of an upright box about the whole, (2, 3), infinite where it is unbounded, m."""
+    """Corners of an upright box around the result, (2, 3) [m], infinite where it is unbounded."""
     tree = with_inner_complement(tree)
     if isinstance(tree, Complement):
         return np.array([[-np.inf] * 3, [np.inf] * 3])
@@ -241,11 +248,15 @@ def _cut_box(box: Floats, parts: tuple[Tree, ...]) -> Floats:
     return polytope_box(normals, np.concatenate([bounds[known], [cut.offset for cut in cuts]]))
 
 
-def combined_mesh(tree: Tree, box: Floats, level: int) -> Mesh:
-    """By the manifold library: closed whatever meets there. `box` (2, 3) holds the whole, m."""
+def combined_mesh(tree: Tree, box: Floats, level: int, room: float = 3.0) -> Mesh:
+    """Closed mesh by the manifold library.
+
+    `box` (2, 3): contains the result [m]. `room`: size of the cube to which unbounded parts are
+    cut, over the box's diagonal.
+    """
     extent = float(np.linalg.norm(box[1] - box[0]))
-    solid = _combined(tree, box.mean(axis=0), ROOM * extent, level)
-    # A plane needs few facets, but not if it is bent afterwards.
+    solid = _combined(tree, box.mean(axis=0), room * extent, level)
+    # A plane needs few facets, but more if it is deformed later.
     return Mesh(*arrays_of(solid.refine_to_length(extent / 2**level)))
 
 
@@ -263,7 +274,7 @@ def _combined(tree: Tree, middle: Floats, size: float, level: int) -> Any:
     if isinstance(tree, Union):
         return joined(tree.parts, OpType.Add)
     if isinstance(tree, Intersection):
-        # A difference is taken as such, without the box in which a complement would be.
+        # A difference is subtracted, without the cube that a complement would need.
         kept = [part for part in tree.parts if not isinstance(part, Complement)]
         taken = [part.part for part in tree.parts if isinstance(part, Complement)]
         solid = joined(kept, OpType.Intersect) if kept else cube
@@ -277,7 +288,7 @@ def _combined(tree: Tree, middle: Floats, size: float, level: int) -> Any:
 
 
 def tree_function(tree: Tree, points: Floats, directions: Floats) -> tuple[Floats, Floats]:
-    """The R-function of the leaves, negative inside: a conjunction joins a union; its slope."""
+    """The R-function of the leaves, negative inside, and its slope: unions are conjunctions."""
     if isinstance(tree, Complement):
         value, slope = tree_function(tree.part, points, directions)
         return -value, -slope
@@ -287,9 +298,9 @@ def tree_function(tree: Tree, points: Floats, directions: Floats) -> tuple[Float
     if isinstance(tree, Union):
         join, slopes = conjunction, conjunction_slopes
 
-    def joined(one: tuple[Floats, Floats], two: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
-        by_one, by_two = slopes(one[0], two[0])
-        return join(one[0], two[0]), by_one * one[1] + by_two * two[1]
+    def joined(a: tuple[Floats, Floats], b: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
+        by_a, by_b = slopes(a[0], b[0])
+        return join(a[0], b[0]), by_a * a[1] + by_b * b[1]
 
     return reduce(joined, (tree_function(part, points, directions) for part in tree.parts))
 
@@ -298,11 +309,11 @@ def conjunction(f1: ArrayLike, f2: ArrayLike, omega: float = 0.0, *, smoothness:
     """Intersection of two solids.
 
     `f1` and `f2`: values of the defining functions, positive inside. `omega`: above -1, at most 1.
-    With 1 it is the minimum; 0 is the usual choice. `smoothness`: how often the result can be
-    differentiated where both functions vanish. The value grows with this power of the functions
-    beside their own: (2.37). Returns positive where both are. A value that would leave the range of
-    floating point numbers stays at its end and keeps its sign. Raises ValueError if a value is not
-    finite, omega not in (-1, 1], or the smoothness negative.
+    With 1 it is the minimum; 0 is the usual choice. `smoothness`: order of the derivatives that
+    exist where both functions vanish. The value is multiplied by this power of the functions' size:
+    (2.37). The result is positive where both are. On overflow or underflow it is clipped and keeps
+    its sign. Raises ValueError if a value is not finite, omega not in (-1, 1], or the smoothness
+    negative.
     """
     return -disjunction(complement(f1), complement(f2), omega, smoothness=smoothness)
 
@@ -318,16 +329,16 @@ def disjunction(f1: ArrayLike, f2: ArrayLike, omega: float = 0.0, *, smoothness:
     safe = np.where(factor > 0.0, factor, 1.0)
     with np.errstate(over="ignore"):
         added = np.ldexp(factor / (1.0 + omega), power)
-        # Unscaled, for a value far smaller than the other one must not be lost.
+        # Unscaled, so that a value far smaller than the other one is kept.
         value = np.where(total >= 0.0, added, 2.0 * (larger / safe) * smaller)
         if smoothness:
             value = value * np.minimum(np.hypot(first, second) ** smoothness, LARGEST)
     sign = np.where(total >= 0.0, (factor > 0.0).astype(float), np.sign(smaller))
-    return np.asarray(sign * np.clip(np.abs(value), LEAST, LARGEST))
+    return np.asarray(sign * np.clip(np.abs(value), SMALLEST, LARGEST))
 
 
 def complement(f: ArrayLike) -> Floats:
-    """All that is not in a solid: -f."""
+    """Complement of a solid: -f."""
     return -_finite("f", f)
 
 
@@ -337,20 +348,20 @@ def conjunction_slopes(
     """Derivatives of `conjunction` by f1 and by f2; parameters and errors as there.
 
     Where there is no derivative (both functions vanish; with omega 1, they are equal) each is 1 /
-    (1 + omega), the middle of what is found nearby; with a smoothness, 0.
+    (1 + omega), the mean of nearby values; with a smoothness, 0.
     """
     first, second, a, b, _, root = _scaled(f1, f2, omega, smoothness)
-    one, two = _slope(a, b, root, omega), _slope(b, a, root, omega)
+    by_first, by_second = _slope(a, b, root, omega), _slope(b, a, root, omega)
     if not smoothness:
-        return one, two
+        return by_first, by_second
     size = np.hypot(a, b)
     safe = np.where(size > 0.0, size, 1.0)
     value = conjunction(a / safe, b / safe, omega)
     with np.errstate(over="ignore"):
         growth = np.minimum(np.hypot(first, second) ** smoothness, LARGEST)
-        one = growth * (one + smoothness * value * a / safe)
-        two = growth * (two + smoothness * value * b / safe)
-    return np.clip(one, -LARGEST, LARGEST), np.clip(two, -LARGEST, LARGEST)
+        by_first = growth * (by_first + smoothness * value * a / safe)
+        by_second = growth * (by_second + smoothness * value * b / safe)
+    return np.clip(by_first, -LARGEST, LARGEST), np.clip(by_second, -LARGEST, LARGEST)
 
 
 def disjunction_slopes(
@@ -360,25 +371,25 @@ def disjunction_slopes(
     return conjunction_slopes(complement(f1), complement(f2), omega, smoothness=smoothness)
 
 
-def _slope(mine: Floats, other: Floats, root: Floats, omega: float) -> Floats:
-    """(1 - (mine - omega other) / S) / (1 + omega): all terms added have one sign."""
-    # The difference that is exact comes first, so that little is lost as omega nears 1 or -1.
+def _slope(own: Floats, other: Floats, root: Floats, omega: float) -> Floats:
+    """(1 - (own - omega other) / S) / (1 + omega), as a sum of terms of one sign."""
+    # The exact difference comes first, for small rounding errors as omega nears 1 or -1.
     if omega > 0.0:
-        lean = (mine - other) + (1.0 - omega) * other
+        lean = (own - other) + (1.0 - omega) * other
     else:
-        lean = (mine + other) - (1.0 + omega) * other
+        lean = (own + other) - (1.0 + omega) * other
     safe = np.where(root > 0.0, root, 1.0)
     share, lean = other / safe, lean / safe
     small = (1.0 - omega) * share * share / (1.0 + np.maximum(lean, 0.0))
     large = (1.0 - np.minimum(lean, 0.0)) / (1.0 + omega)
-    found = np.where(lean > 0.0, small, large)
-    return np.where(root > 0.0, found, 1.0 / (1.0 + omega))
+    slope = np.where(lean > 0.0, small, large)
+    return np.where(root > 0.0, slope, 1.0 / (1.0 + omega))
 
 
 def _scaled(
     f1: ArrayLike, f2: ArrayLike, omega: float, smoothness: int
 ) -> tuple[Floats, Floats, Floats, Floats, Ints, Floats]:
-    """Both values; both over a power of two, so that the larger is 1/2 to 1; the power; S alike."""
+    """Both values; both over 2^power, so that the larger is 1/2 to 1; the power; scaled S."""
     if not -1.0 < omega <= 1.0:
         raise ValueError(f"omega must be above -1 and at most 1, got {omega}")
     if smoothness < 0:

@@ -1,12 +1,12 @@
 """A superquadric that is tapered, then bent: cast exactly, without a mesh.
 
-In the solid before, a ray is a curve c(t), and a superquadric is where the gauge N(c) is below 1. A
-taper divides by the width w of the section; the curve w c needs no division, and
+In the undeformed solid a ray is a curve c(t), and the gauge N(c) is below 1 inside. A taper divides
+by the width w of the section; the curve w c needs no division, and
 
     f(t) = N(w c) - w
 
-has the surface for its roots. N is a norm, so that f is convex but for the bending of the curve
-itself: f'' >= -N((w c)'') - |w''|, and that is bounded by the solid's measures alone.
+vanishes on the surface. N is a norm, so that f is convex except for the bending of the curve
+itself: f'' >= -N((w c)'') - |w''|, which is bounded by the solid's dimensions alone.
 """
 
 from __future__ import annotations
@@ -23,20 +23,19 @@ from palpate.core.poses import Pose
 from palpate.core.shapes import ray_casting
 from palpate.core.shapes.global_deformations import Bend, Taper, clip_to_bent_box
 from palpate.core.shapes.protocol import ImplicitShape, Mesh, PosedShape
-from palpate.core.shapes.superquadrics import RANGE_TOLERANCE, SMALLEST, Superquadric
+from palpate.core.shapes.superquadrics import RANGE_TOLERANCE, TINY, Superquadric
 
-LARGEST_SHARE = 0.98  # Of the bend that squeezes the inner side to nothing, or closes a ring
 NO_BEND = Bend(0.0)
-# Places and slopes (3, m): a norm and its slope.
+# Places and slopes (3, m) to a norm and its slope.
 NormFunction = Callable[[Floats, Floats], tuple[Floats, Floats]]
 
 
 class DeformedSuperquadric(ImplicitShape):
     """A superquadric about the origin, tapered along z, then bent.
 
-    `base`: what is tapered and bent. `taper` (2,): widening of x and y at the top, as a share: see
-    `Taper`. `bend`: how the tapered solid is bent. Raises ValueError if a taper collapses the
-    solid, or the bend folds it or closes it to a ring.
+    `base`: the undeformed solid. `taper` (2,): relative widening of x and y at the top: see
+    `Taper`. `bend`: of the tapered solid. Raises ValueError if a taper collapses the solid, or the
+    bend folds it or closes it to a ring.
     """
 
     def __init__(self, base: Superquadric, taper: Floats, bend: Bend = NO_BEND):
@@ -56,8 +55,8 @@ class DeformedSuperquadric(ImplicitShape):
     def enclosure(self) -> Floats:
         """An upright box about the solid: see `ImplicitShape.enclosure`."""
         inwards, _, height = self._half.tolist()
-        # A bend moves sideways most at the ends; up most there, or where it turns level.
-        turned = 0.5 * math.pi / max(abs(self._bend.curvature), SMALLEST)
+        # A bend moves sideways most at the ends; up most there, or where the axis is level.
+        turned = 0.5 * math.pi / max(abs(self._bend.curvature), TINY)
         edge, rise = np.array([-inwards, inwards] * 3), [0.0, min(height, turned), height]
         bent = Bend(self._bend.curvature)(np.column_stack([edge, 0.0 * edge, np.repeat(rise, 2)]))
         moved = np.outer(bent[:, 0] - edge, self._bend.towards)
@@ -101,7 +100,7 @@ class DeformedSuperquadric(ImplicitShape):
         return ray_casting.ranges_of(starts, ends, roots)
 
     def spans(self, origins: Floats, direction: Floats) -> Floats:
-        """Where parallel rays are inside: see `spans`."""
+        """Spans of parallel rays inside: see `CsgSolid.spans`."""
         places, towards = self._axes.T @ origins.T, self._axes.T @ direction
         starts, ends, gaps = clip_to_bent_box(places, towards, self._half, self._bend.curvature)
         along = towards[:, None]
@@ -130,7 +129,7 @@ class DeformedSuperquadric(ImplicitShape):
         return gauge - width, gauge_slope - width_slope
 
     def _dip_and_rise(self, direction: Floats) -> tuple[float, float]:
-        """How much that function bends down, and up, at most where it is positive, 1/m2."""
+        """Bounds [1/m2] of that function's downward and upward bend where it is positive."""
         place, width, least_width = self._straightening.bound(direction, self._half)
         most = np.array(place)[:, 1:]  # slope and curve of each coordinate
         speed, down = self._base.gauge_along(most, np.zeros((3, 1)))[0].tolist()
@@ -138,18 +137,20 @@ class DeformedSuperquadric(ImplicitShape):
         return dip, self._base.smoothness() * speed**2 / least_width + dip
 
 
-def largest_curvature(base: Superquadric, taper: Floats, direction: float) -> float:
-    """Largest curvature to which a tapered superquadric is bent, 1/m.
+def largest_curvature(
+    base: Superquadric, taper: Floats, direction: float, share: float = 0.98
+) -> float:
+    """Largest curvature [1/m] to which a tapered superquadric may be bent.
 
-    `base`: what is tapered and bent. `taper` (2,): widening of x and y at the top. `direction`:
-    azimuth of the bend, rad.
+    `base`: the undeformed solid. `taper` (2,): widening of x and y at the top. `direction`: azimuth
+    of the bend [rad]. `share`: of the curvature that folds the inner side, or closes a ring.
     """
     inwards, _, height = _half_box(base, taper, direction).tolist()
-    return LARGEST_SHARE * float(min(1.0 / inwards, math.pi / height))
+    return share * float(min(1.0 / inwards, math.pi / height))
 
 
 def _half_box(base: Superquadric, taper: Floats, direction: float) -> Floats:
-    """Half edges of a box about the tapered solid, turned to the bend: by the dual of its norm."""
+    """Half edges of a box about the tapered solid, along the bend, by the dual of its norm."""
     width, depth = (base.size[:2] * (1.0 + np.abs(taper))).tolist()
     cosine, sine = math.cos(direction), math.sin(direction)
     e2 = float(base.exponents[1])
@@ -168,24 +169,24 @@ def _dual_norm(x: float, y: float, e2: float) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class FittedSuperquadric:
-    """A superquadric, tapered and bent, as it was fitted to points."""
+    """A superquadric, tapered and bent, fitted to points."""
 
-    size: Floats  # Semi-axes (3,), m
+    size: Floats  # semi-axes (3,) [m]
     exponents: Floats  # e1 and e2, (2,)
     pose: Floats  # (7,)
-    taper: Floats  # Widening of x and y at the top, (2,)
-    bend: Bend  # How the tapered solid is bent
-    residuals: Floats  # First-order distance along the normal, (n,), m; negative inside
-    rms: float  # Root mean square of the residuals of the points that count, m
-    warnings: tuple[str, ...]  # Why not to believe the fit; empty if there is no reason
+    taper: Floats  # widening of x and y at the top, (2,)
+    bend: Bend  # of the tapered solid
+    residuals: Floats  # first-order distances along the normal, (n,) [m]; negative inside
+    rms: float  # [m] root mean square of the inliers' residuals
+    warnings: tuple[str, ...]  # reasons to doubt the fit
 
     @property
     def fitted(self) -> bool:
-        """False if the points could not be fitted, and the solid is but an ellipsoid about them."""
+        """False if no fit was possible, and the solid is only an ellipsoid around the points."""
         return not any(warning.endswith("points") for warning in self.warnings)
 
     def shape(self) -> PosedShape:
-        """The solid where it stands; ValueError if it has no extent, or its bend folds it."""
+        """The solid at its pose; ValueError if it has no extent, or its bend folds it."""
         base, pose = Superquadric(self.size, self.exponents), Pose.from_array(self.pose)
         if not self.taper.any() and self.bend.curvature == 0.0:
             return PosedShape(base, pose)
@@ -195,22 +196,22 @@ class FittedSuperquadric:
 class StraightenedRays(NamedTuple):
     """Places on curves, times the width there, in semi-axes."""
 
-    place: Floats  # By coordinate, (3, n)
-    slope: Floats  # Its derivative, (3, n)
-    width: Floats | float  # The width alone, (n,) or 1
-    width_slope: Floats | float  # Its derivative
+    place: Floats  # by coordinate, (3, n)
+    slope: Floats  # derivative of the place, (3, n)
+    width: Floats | float  # (n,) or 1
+    width_slope: Floats | float  # derivative of the width
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Straightening:
-    """Undoes a taper and a bend along rays: towards the centre, square to the plane, up."""
+    """Inverse of a taper and a bend along rays; axes towards the centre, across the plane, up."""
 
     size: Floats
     taper: Floats
     bend: Bend
 
     def along(self, places: Floats, direction: Floats) -> StraightenedRays:
-        """Curves at places (3, n) on rays in a direction (3,) or (3, n), m."""
+        """Curves at places (3, n) [m] on rays in a direction (3,) or (3, n)."""
         u, v, height = places
         du, dv, rise = direction
         r, z, stretch, cosine, sine = self.bend.unbend(u, height)
@@ -234,9 +235,9 @@ class Straightening:
     def bound(
         self, direction: Floats, half: Floats
     ) -> tuple[tuple[DerivativeBound, ...], DerivativeBound, float]:
-        """Of the coordinates times the width, of the width, and the least width.
+        """Bounds of the coordinates times the width, of the width, and the least width.
 
-        For all rays in a direction (3,), within a bent box of half edges (3,), m.
+        For all rays in a direction (3,), in a bent box of half edges (3,) [m].
         """
         r, v, z = self._unbent_bound(direction, half)
         (xr, xv), (yr, yv) = self._turn()
@@ -253,7 +254,7 @@ class Straightening:
     def _unbent_bound(
         self, direction: Floats, half: Floats
     ) -> tuple[DerivativeBound, DerivativeBound, DerivativeBound]:
-        """Bounds of the coordinates that `Bend.unbend` gives.
+        """Bounds of the coordinates of `Bend.unbend`.
 
         With s the stretch, r'' = -k (s z')^2 / s and z'' = 2 k z' r' / s.
         """
@@ -272,21 +273,21 @@ class Straightening:
         )
 
     def _turn(self) -> tuple[tuple[float, float], tuple[float, float]]:
-        """Shares of the coordinates in and across the bend's plane in x and in y, in semi-axes."""
+        """Coefficients of x and y, in semi-axes, by coordinates in and across the bend's plane."""
         cosine, sine = self.bend.towards.tolist()
         a, b, _ = self.size.tolist()
         return (cosine / a, -sine / a), (sine / b, cosine / b)
 
 
 class DerivativeBound(NamedTuple):
-    """Largest absolute values, over all that some rays pass through."""
+    """Bounds of a quantity's absolute values along rays."""
 
-    value: float  # Of the quantity itself
-    slope: float  # Of its first derivative
-    curve: float  # Of its second derivative
+    value: float
+    slope: float  # of the first derivative
+    curve: float  # of the second derivative
 
     def times(self, other: DerivativeBound) -> DerivativeBound:
-        """That of the product of two quantities."""
+        """Bound of the product of two quantities."""
         return DerivativeBound(
             self.value * other.value,
             self.slope * other.value + self.value * other.slope,
@@ -294,13 +295,13 @@ class DerivativeBound(NamedTuple):
         )
 
     def plus(self, other: DerivativeBound) -> DerivativeBound:
-        """That of the sum of two quantities."""
+        """Bound of the sum of two quantities."""
         return DerivativeBound(
             self.value + other.value, self.slope + other.slope, self.curve + other.curve
         )
 
     def scaled(self, factor: float) -> DerivativeBound:
-        """That of a multiple of the quantity."""
+        """Bound of a multiple of the quantity."""
         factor = abs(factor)
         return DerivativeBound(factor * self.value, factor * self.slope, factor * self.curve)
 
@@ -308,15 +309,15 @@ class DerivativeBound(NamedTuple):
 def outside_minorant(
     curve: RaysAt, norm: NormFunction, dip: float, gaps: tuple[ray_casting.RayGap, ...]
 ) -> ray_casting.MinorantFunction:
-    """Bounds from below of f, from c and w, N, and N(c'') + |w''| at most; 1 in the gaps."""
+    """Lower bounds of f, from c, w, N and a bound of N(c'') + |w''|; 1 in the gaps."""
 
     def floor(places: Floats, lengths: Floats, which: Ints) -> ray_casting.Minorant:
         in_gap = np.zeros(len(places), bool)
         for begin, end in ((begin[which], end[which]) for begin, end in gaps):
-            within = (begin <= places) & (places < end)
-            stop = np.where(places < begin, begin, np.where(within, end, np.inf))
+            is_in = (begin <= places) & (places < end)
+            stop = np.where(places < begin, begin, np.where(is_in, end, np.inf))
             lengths = np.minimum(lengths, stop - places)
-            in_gap = in_gap | within
+            in_gap = in_gap | is_in
         with np.errstate(divide="ignore", over="ignore", invalid="ignore"):  # only in gaps
             at = curve(places, which)
             value, slope = norm(at.place, at.slope)
@@ -329,13 +330,13 @@ def outside_minorant(
 
 
 def inside_minorant(curve: RaysAt, norm: NormFunction, dip: float) -> ray_casting.MinorantFunction:
-    """Bounds from below of -f, for places inside; parameters as of `outside_minorant`."""
+    """Lower bounds of -f, for places inside; parameters as of `outside_minorant`."""
 
     def floor(places: Floats, lengths: Floats, which: Ints) -> ray_casting.Minorant:
         at = curve(places, which)
         here = norm(at.place, at.slope)[0]
         there = norm(at.place + lengths * at.slope, at.slope)[0]
-        rise = (there - here) / (lengths + SMALLEST)
+        rise = (there - here) / (lengths + TINY)
         bend = np.full_like(places, dip)
         width, slope = at.width - here, at.width_slope - rise
         return ray_casting.Minorant(width, slope, bend, lengths, np.zeros_like(here))
@@ -343,6 +344,6 @@ def inside_minorant(curve: RaysAt, norm: NormFunction, dip: float) -> ray_castin
     return floor
 
 
-UNIT_BOUND = DerivativeBound(1.0, 0.0, 0.0)  # That of 1
-# Places (m,) on those of the rays that are named: the curves there.
+UNIT_BOUND = DerivativeBound(1.0, 0.0, 0.0)  # of the constant 1
+# Places (m,) on selected rays to the curves there.
 RaysAt = Callable[[Floats, Ints], StraightenedRays]

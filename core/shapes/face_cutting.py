@@ -1,6 +1,6 @@
-"""Polygons cut into triangles: fans where one corner sees all others, ears elsewhere.
+"""Triangulation of polygons: fans where one corner sees all others, ear clipping elsewhere.
 
-The ears are those of the manifold library, in the polygon's own plane.
+Ears are clipped by the manifold library, in the polygon's own plane.
 """
 
 from __future__ import annotations
@@ -12,17 +12,17 @@ from palpate.core.arrays import Floats
 from palpate.core.poses import axes_along
 
 Numbers = NDArray[np.integer]
-STRAIGHT = 1e-9  # Sine of a turn: a corner that turns by less lies on a straight line
-AREA_TOLERANCE = 1e-6  # Of a polygon's area: one that crosses itself is cut into another area
+MIN_SINE = 1e-9  # of a turn; a corner that turns less lies on a straight line
 
 
 def cut_faces(vertices: Floats, lengths: Numbers, corners: Numbers) -> Numbers:
-    """Triangles (k, 3) of polygons in space, turned as these are, flat ones left out.
+    """Triangles (k, 3) of polygons in space, with their orientation, without degenerate ones.
 
-    `vertices` (n, 3). `lengths` (f,): corners of each polygon, which follow each other in
-    `corners`, rows of `vertices`. A polygon may be concave, have corners on straight lines, some
-    twice, and leave its plane, which is that of its area vector, as long as its outline seen from
-    above crosses itself nowhere. Raises ValueError, which goes on from the mesh's name, at others.
+    `vertices` (n, 3). `lengths` (f,): number of corners of each polygon. `corners`: indices of
+    vertices, polygon after polygon. A polygon may be concave, have repeated corners and corners on
+    straight lines, and leave its plane, which is that of its area vector, as long as its projected
+    outline does not cross itself. Raises ValueError for others; the message continues the mesh's
+    name.
     """
     if (lengths == 3).all():
         return corners.reshape(-1, 3)
@@ -31,26 +31,26 @@ def cut_faces(vertices: Floats, lengths: Numbers, corners: Numbers) -> Numbers:
     normals = _area_vectors(vertices, begins, corners)
     apex = _apexes(vertices, begins, corners, normals)
     apex[lengths == 3] = 0
-    found = [_fans(begins, corners, apex)]
+    triangles = [_fans(begins, corners, apex)]
     for face in np.flatnonzero(apex < 0):
         own = corners[begins[face] : begins[face + 1]]
         if not normals[face].any() and _is_line(vertices[own]):
-            found.append(_fans(np.array([0, len(own)]), own, np.array([0])))
+            triangles.append(_fans(np.array([0, len(own)]), own, np.array([0])))
             continue
-        triangles = _ears(vertices[own], normals[face]) if normals[face].any() else None
-        if triangles is None:
+        ears = _ears(vertices[own], normals[face]) if normals[face].any() else None
+        if ears is None:
             raise ValueError(
                 f"has a face, number {number[face] + 1}, that lies in no plane or whose outline "
                 "crosses itself; its corners must go around it once"
             )
-        found.append(own[triangles])
-    return np.concatenate(found)
+        triangles.append(own[ears])
+    return np.concatenate(triangles)
 
 
 def by_ears(places: Floats, normal: Floats, face: int) -> Numbers:
-    """Triangles (n - 2, 3) of one polygon by its own corners' numbers.
+    """Triangles (n - 2, 3) of one polygon, as indices of its corners.
 
-    `places` (n, 3); `normal` (3,), unit. Raises ValueError, which names the face, if it crosses
+    `places` (n, 3); `normal` (3,), unit. Raises ValueError with the face's index if it crosses
     itself.
     """
     triangles = _ears(places, normal)
@@ -59,7 +59,8 @@ def by_ears(places: Floats, normal: Floats, face: int) -> Numbers:
     return triangles
 
 
-def _ears(places: Floats, normal: Floats) -> Numbers | None:
+def _ears(places: Floats, normal: Floats, area_tolerance: float = 1e-6) -> Numbers | None:
+    """Triangles by ear clipping; None for a polygon that crosses itself: their area differs."""
     import manifold3d
 
     flat = (places - places[0]) @ axes_along(normal)[:, :2]
@@ -67,7 +68,7 @@ def _ears(places: Floats, normal: Floats) -> Numbers | None:
     a, b, c = flat[triangles].transpose(1, 0, 2)
     covered = 0.5 * np.abs(_cross(b - a, c - a)).sum()
     area = 0.5 * float(_cross(flat, np.roll(flat, -1, axis=0)).sum())
-    fits = abs(covered - area) <= AREA_TOLERANCE * abs(area) and len(triangles) == len(flat) - 2
+    fits = abs(covered - area) <= area_tolerance * abs(area) and len(triangles) == len(flat) - 2
     return triangles if fits else None
 
 
@@ -78,13 +79,13 @@ def _cross(first: Floats, second: Floats) -> Floats:
 def _is_line(places: Floats) -> bool:
     away = places - places[0]
     spread = np.linalg.svd(away, compute_uv=False)
-    return bool(len(spread) < 2 or spread[1] <= STRAIGHT * spread[0])
+    return bool(len(spread) < 2 or spread[1] <= MIN_SINE * spread[0])
 
 
 def _without_repeats(
     vertices: Floats, lengths: Numbers, corners: Numbers
 ) -> tuple[Numbers, Numbers, Numbers]:
-    """Lengths, corners and numbers of the polygons without corners that stand twice in a row."""
+    """Lengths, corners and indices of the polygons, without consecutive repeated corners."""
     face = np.repeat(np.arange(len(lengths)), lengths)
     begins = np.concatenate([[0], np.cumsum(lengths)])
     before = corners[_before(begins)]
@@ -102,7 +103,7 @@ def _before(begins: Numbers) -> Numbers:
 
 
 def _after(begins: Numbers) -> Numbers:
-    """The corner after each, by number, of polygons that begin at `begins` (f + 1,)."""
+    """Index of the corner after each, in polygons that begin at `begins` (f + 1,)."""
     after = np.arange(begins[-1]) + 1
     after[begins[1:] - 1] = begins[:-1]
     return after
@@ -118,14 +119,14 @@ def _area_vectors(vertices: Floats, begins: Numbers, corners: Numbers) -> Floats
     sums = np.add.reduceat(np.cross(away, following), begins[:-1], axis=0)
     size = np.maximum.reduceat(np.einsum("ni,ni->n", away, away), begins[:-1])
     length = np.linalg.norm(sums, axis=1)
-    flat = ~(length > STRAIGHT * size)
+    flat = ~(length > MIN_SINE * size)
     return np.asarray(np.where(flat[:, None], 0.0, sums / np.where(flat, 1.0, length)[:, None]))
 
 
 def _apexes(vertices: Floats, begins: Numbers, corners: Numbers, normals: Floats) -> Numbers:
-    """The corner (f,) from which a polygon falls into a fan without flat triangles; -1 if none.
+    """Corner (f,) of each polygon whose fan has no degenerate triangle; -1 without one.
 
-    Of a convex polygon that is one between two corners which turn, of a concave quadrilateral the
+    In a convex polygon it is between two corners that turn, in a concave quadrilateral it is the
     one that turns right.
     """
     if not len(corners):
@@ -135,23 +136,23 @@ def _apexes(vertices: Floats, begins: Numbers, corners: Numbers, normals: Floats
     once = np.abs(turn - 2.0 * np.pi) < np.pi
     after, before = _after(begins), _before(begins)
     length = np.diff(begins)
-    convex = np.minimum.reduceat(sine, begins[:-1]) >= -STRAIGHT
-    right = sine < -STRAIGHT
+    convex = np.minimum.reduceat(sine, begins[:-1]) >= -MIN_SINE
+    right = sine < -MIN_SINE
     sees = np.where(
         np.repeat(convex, length),
-        (np.abs(sine[after]) > STRAIGHT) & (np.abs(sine[before]) > STRAIGHT),
+        (np.abs(sine[after]) > MIN_SINE) & (np.abs(sine[before]) > MIN_SINE),
         right & np.repeat(length == 4, length),
     )
     place = np.where(sees, np.arange(len(corners)) - np.repeat(begins[:-1], length), len(corners))
     apex = np.minimum.reduceat(place, begins[:-1])
-    good = once & (apex < len(corners)) & normals.any(axis=1)
-    return np.where(good, apex, -1)
+    valid = once & (apex < len(corners)) & normals.any(axis=1)
+    return np.where(valid, apex, -1)
 
 
 def _turns(
     vertices: Floats, begins: Numbers, corners: Numbers, normals: Floats
 ) -> tuple[Floats, Floats]:
-    """Sine and cosine (c,) by which polygons turn left at each corner."""
+    """Sine and cosine (c,) of the left turn at each corner of polygons."""
     places = vertices[corners]
     normal = np.repeat(normals, np.diff(begins), axis=0)
     side = places[_after(begins)] - places
@@ -164,7 +165,7 @@ def _turns(
 
 
 def _fans(begins: Numbers, corners: Numbers, apex: Numbers) -> Numbers:
-    """Triangles (k, 3) about the apexes (f,) of polygons; none where that is negative."""
+    """Triangles (k, 3) of fans from the apexes (f,) of polygons; none where that is negative."""
     length = np.diff(begins)
     cuts = np.where(apex >= 0, length - 2, 0)
     polygon = np.repeat(np.arange(len(length)), cuts)

@@ -1,10 +1,10 @@
 """Generalised cylinder: a section that is scaled as it moves along a straight axis.
 
-The solid is where the section's gauge G(x, y) = |p| / rho(theta) is at most the scale r(z). An
-oblique axis is a shear, which keeps rays straight: they are cast at the upright solid. Along a line
-at speed v, a distance d from the axis, with the part c of the speed across the radius, G bends by
-(g + g'') c^2 / d with g = 1 / rho, downwards only if the section is not convex; r is a cubic
-between two knots. Both are bounded, so that rays are cast exactly.
+Inside, the section's gauge G(x, y) = |p| / rho(theta) is at most the scale r(z). An oblique axis is
+a shear, which keeps rays straight: they are cast at the upright solid. Along a line at speed v, at
+a distance d from the axis, with the speed c across the radius, G bends by (g + g'') c^2 / d with g
+= 1 / rho, downwards only if the section is not convex; r is a cubic between two knots. Both are
+bounded, so that rays are cast exactly.
 """
 
 from __future__ import annotations
@@ -27,32 +27,28 @@ from palpate.core.shapes.ray_casting import (
     ranges_of,
 )
 from palpate.core.shapes.superquadrics import (
-    LARGEST_EXPONENT,
-    LEAST_EXPONENT,
-    SMALLEST,
+    MAX_EXPONENT,
+    MIN_EXPONENT,
+    TINY,
     p_norm_along,
 )
 
-MOST_TILT = math.radians(75.0)  # Beyond it the section's plane nearly holds the axis
-MOST_HEIGHTS = 64
-LEAST_STEP = 1e-9  # Between two heights, m
-RANGE_TOLERANCE = 1e-13  # Of the solid's height or least radius
-LEAST_AROUND = 8
-SIDE_RINGS, CAP_RINGS = 3 / 8, 1 / 8  # For each point of a ring; those of one plane end
-LEAST_RADII, MOST_RADII = 3, 64
-LEAST_RADIUS = 1e-9  # m
-SPLITS = 64  # Parts of each piece of the outline over which its bend is bounded
+MAX_TILT = math.radians(75.0)  # near 90 degrees the section's plane contains the axis
+MAX_HEIGHTS = 64
+MIN_STEP = 1e-9  # [m] between two heights
+RANGE_TOLERANCE = 1e-13  # fraction of the solid's height or least radius
+MIN_RADII, MAX_RADII = 3, 64
+MIN_RADIUS = 1e-9  # [m]
 
 
 class GeneralisedCylinder(ImplicitShape):
     """A straight homogeneous generalised cylinder, closed by plane ends.
 
-    `section`: what is swept. `heights` (n,): places along the axis, increasing, 2 to 64, m.
-    `scales` (n,): scale of the section there, positive; at the ends it may be 0 (an apex), 1.
-    `smooth`: whether the scale is the natural cubic spline through these, not straight lines.
-    `tilt` and `tilt_direction`: angle between the axis and z, less than 75 degrees, and the axis's
-    azimuth, rad. Raises ValueError if heights do not increase, or the scale is not positive between
-    the ends.
+    `section`: cross-section. `heights` (n,): places along the axis, increasing, 2 to 64 [m].
+    `scales` (n,): of the section there, positive; at the ends possibly 0 (an apex). `smooth`:
+    whether the scale is a natural cubic spline, not straight lines. `tilt` and `tilt_direction`:
+    angle between the axis and z, at most 75 degrees, and the axis's azimuth [rad]. Raises
+    ValueError if heights do not increase, or the scale is not positive between the ends.
 
     Fung, 1999, (2.26) and (2.27); with two straight heights the linear cylinder (1.4).
     """
@@ -67,7 +63,7 @@ class GeneralisedCylinder(ImplicitShape):
         tilt_direction: float = 0.0,
     ):
         self._section, self._scale = section, _checked_scale(heights, scales, smooth)
-        if not abs(tilt) <= MOST_TILT:
+        if not abs(tilt) <= MAX_TILT:
             raise ValueError(f"tilt must be at most 75 degrees, got {math.degrees(tilt):g}")
         if not math.isfinite(tilt_direction):
             raise ValueError(f"tilt_direction must be finite, got {tilt_direction}")
@@ -90,12 +86,12 @@ class GeneralisedCylinder(ImplicitShape):
                 for place in (scale.knots[:-1], scale.knots[1:])]  # fmt: skip
         bent = max(float(bend.max()) for _, _, bend in ends)
         kinks = ends[0][1][1:] - ends[1][1][:-1]
-        # Of a cubic spline, rounding makes kinks.
+        # Rounding causes kinks of a cubic spline.
         room = 1e-12 * max(float(np.abs(slope).max()) for _, slope, _ in ends)
         return self._section.traits.hollow == 0.0 and bent <= 0.0 and bool((kinks <= room).all())
 
     def enclosure(self) -> Floats:
-        """An upright box about the solid: see `ImplicitShape.enclosure`."""
+        """An upright box around the solid: see `ImplicitShape.enclosure`."""
         ends = np.outer(self._scale.knots[[0, -1]], self._shear[:, 2])
         wide = np.array([self._half[0], self._half[1], 0.0])
         return np.stack([ends.min(axis=0) - wide, ends.max(axis=0) + wide])
@@ -126,7 +122,7 @@ class GeneralisedCylinder(ImplicitShape):
         return ranges_of(starts, ends, roots)
 
     def spans(self, origins: Floats, direction: Floats) -> Floats:
-        """Where parallel rays are inside: see `spans`."""
+        """Spans of parallel rays inside: see `CsgSolid.spans`."""
         if self.convex:
             return convex_spans(self, origins, direction)
         places, towards, starts, ends = self._through(origins, direction)
@@ -144,7 +140,7 @@ class GeneralisedCylinder(ImplicitShape):
 
     def _below(self, places: Floats, towards: Floats) -> MinorantFunction:
         hollow = self._section.traits.hollow
-        # How fast rays go around the axis: distance times speed across the radius.
+        # Angular momentum of rays about the axis: distance times speed across the radius.
         across = places[0] * towards[1] - places[1] * towards[0]
         speed = float(np.hypot(*towards[:2]))
 
@@ -155,7 +151,7 @@ class GeneralisedCylinder(ImplicitShape):
             dip: Floats = np.maximum(bends[1], 0.0)
             if hollow > 0.0:
                 near = _nearest(x, y, towards, speed, lengths)
-                with np.errstate(over="ignore"):  # in the axis nothing can be told
+                with np.errstate(over="ignore"):  # on the axis there is no bound
                     dip = dip + hollow * (across[which] / near) ** 2 / near
             return Minorant(gauge - scale, gauge_slope - slope, dip, lengths, np.zeros_like(scale))
 
@@ -172,7 +168,7 @@ class GeneralisedCylinder(ImplicitShape):
             if traits.hollow == 0.0:  # a convex gauge lies below its chord
                 there = x + towards[0] * lengths, y + towards[1] * lengths
                 after = self._section.gauge_along(*there, *towards[:2, None])[0]
-                rise = np.minimum((after - gauge) / (lengths + SMALLEST), traits.steepest * speed)
+                rise = np.minimum((after - gauge) / (lengths + TINY), traits.steepest * speed)
                 return Minorant(scale - gauge, slope - rise, dip, lengths, np.zeros_like(scale))
             near = _nearest(x, y, towards, speed, lengths)
             with np.errstate(over="ignore", invalid="ignore"):
@@ -188,16 +184,16 @@ class GeneralisedCylinder(ImplicitShape):
     def _scale_along(
         self, z: Floats, rate: float, lengths: Floats
     ) -> tuple[Floats, Floats, Floats, Floats]:
-        """Scale, its slope, the range of its bend (2, n), and how far one cubic holds."""
+        """Scale, its slope, the range of its bend (2, n), and the length of one cubic."""
         knots = self._scale.knots
-        # A ray that has come to a knot, but for rounding, is in the piece behind it.
+        # A ray at a knot, up to rounding, is in the next piece.
         piece = self._scale.piece(z + rate * self._tolerance)
         scale, slope, bend = self._scale.at(z, piece)
         ahead = knots[piece + 1] if rate > 0.0 else knots[piece]
         last = len(knots) - 2 if rate > 0.0 else 0
         with np.errstate(divide="ignore", invalid="ignore"):
-            way = np.where((piece == last) | (rate == 0.0), np.inf, (ahead - z) / rate)
-        lengths = np.minimum(lengths, way)
+            remaining = np.where((piece == last) | (rate == 0.0), np.inf, (ahead - z) / rate)
+        lengths = np.minimum(lengths, remaining)
         after = self._scale.at(z + rate * lengths, piece)[2]
         bends = np.sort(np.stack([bend, after]), axis=0) * rate**2
         return scale, slope * rate, bends, lengths
@@ -206,11 +202,11 @@ class GeneralisedCylinder(ImplicitShape):
 def _checked_scale(heights: Floats, scales: Floats, smooth: bool) -> PiecewiseCubic:
     heights = finite_array("heights", heights, (None,))
     scales = finite_array("scales", scales, (len(heights),))
-    if not 2 <= len(heights) <= MOST_HEIGHTS:
-        raise ValueError(f"heights must be 2 to {MOST_HEIGHTS}, got {len(heights)}")
-    if not (np.diff(heights) >= LEAST_STEP).all():
+    if not 2 <= len(heights) <= MAX_HEIGHTS:
+        raise ValueError(f"heights must be 2 to {MAX_HEIGHTS}, got {len(heights)}")
+    if not (np.diff(heights) >= MIN_STEP).all():
         raise ValueError(
-            f"heights must increase, by {LEAST_STEP:g} m or more, got {heights.tolist()} m"
+            f"heights must increase, by {MIN_STEP:g} m or more, got {heights.tolist()} m"
         )
     if not ((scales[1:-1] > 0.0).all() and min(scales[0], scales[-1]) >= 0.0 < scales.max()):
         raise ValueError(f"scales must be positive, but for 0 at an end, got {scales.tolist()}")
@@ -225,7 +221,7 @@ def _checked_scale(heights: Floats, scales: Floats, smooth: bool) -> PiecewiseCu
 
 
 def natural_spline(knots: Floats, values: Floats) -> PiecewiseCubic:
-    """The cubic spline through values (n,) that does not bend at its ends."""
+    """The natural cubic spline through values (n,)."""
     width = np.diff(knots)
     matrix = np.eye(len(knots))
     inner = np.arange(1, len(knots) - 1)
@@ -244,11 +240,20 @@ def straight_pieces(knots: Floats, values: Floats) -> PiecewiseCubic:
 
 
 def profile_mesh(
-    outline: Callable[[int], Floats], scale: PiecewiseCubic, shear: Floats, level: int
+    outline: Callable[[int], Floats],
+    scale: PiecewiseCubic,
+    shear: Floats,
+    level: int,
+    *,
+    side_rings: float = 3 / 8,
+    cap_rings: float = 1 / 8,
 ) -> Mesh:
-    """A swept outline, closed by plane ends or, where the scale is 0, an apex; then sheared."""
-    around = max(2 ** (level + 2), LEAST_AROUND)
-    size, height = _profile(scale, int(SIDE_RINGS * around), int(CAP_RINGS * around))
+    """A swept outline, closed by plane ends or, where the scale is 0, an apex; then sheared.
+
+    `side_rings`, `cap_rings`: rings of the side, and of an end, over the points of a ring.
+    """
+    around = max(2 ** (level + 2), 8)
+    size, height = _profile(scale, int(side_rings * around), int(cap_rings * around))
     figure = outline(around)
     inner = np.concatenate(
         [size[1:-1, None, None] * figure,
@@ -262,11 +267,11 @@ def profile_mesh(
 def _profile(scale: PiecewiseCubic, rings: int, on_cap: int) -> tuple[Floats, Floats]:
     """Sizes and heights of rings from the lower pole to the upper one, a ring at each knot."""
     knots = scale.knots
-    # As many parts of each piece as it is long, and at least one.
+    # The parts of each piece are proportional to its length, at least one.
     parts = np.maximum(np.rint(rings * np.diff(knots) / np.ptp(knots)), 1).astype(int)
     piece = np.repeat(np.arange(len(parts), dtype=np.int32), parts)
-    within = np.arange(len(piece)) - np.repeat(np.cumsum(parts) - parts, parts)
-    height = knots[piece] + np.diff(knots)[piece] * within / parts[piece]
+    part = np.arange(len(piece)) - np.repeat(np.cumsum(parts) - parts, parts)
+    height = knots[piece] + np.diff(knots)[piece] * part / parts[piece]
     size = scale.at(height, piece)[0]
     end = scale.at(knots[-1:], scale.piece(knots[-1:]))[0]
     size, height = np.append(size, end), np.append(height, knots[-1])
@@ -296,19 +301,19 @@ def _faces(rings: int, around: int) -> Ints:
 
 
 def _nearest(x: Floats, y: Floats, towards: Floats, speed: float, lengths: Floats) -> Floats:
-    """Distance from the axis at which rays pass it within the lengths, not 0."""
+    """Least distance of rays from the axis over the lengths, not 0."""
     dx, dy, _ = towards
-    way = np.clip(-(x * dx + y * dy) / (speed * speed + SMALLEST), 0.0, lengths)
-    return np.asarray(np.hypot(x + dx * way, y + dy * way)) + SMALLEST
+    place = np.clip(-(x * dx + y * dy) / (speed * speed + TINY), 0.0, lengths)
+    return np.asarray(np.hypot(x + dx * place, y + dy * place)) + TINY
 
 
 class SectionBounds(NamedTuple):
     """Bounds of a section."""
 
-    radius: tuple[float, float]  # Least and largest distance of the outline from 0, m
-    hollow: float  # How negative g + g'' gets, 0 if the section is convex, 1/m
-    bulge: float  # Largest g + g'', perhaps infinite, 1/m
-    steepest: float  # Largest slope of the gauge, 1/m
+    radius: tuple[float, float]  # [m] least and largest distance of the outline from 0
+    hollow: float  # [1/m] of -(g + g''), 0 if the section is convex
+    bulge: float  # [1/m] of g + g'', possibly infinite
+    steepest: float  # [1/m] of the gauge's slope
 
 
 class Section(Protocol):
@@ -316,29 +321,29 @@ class Section(Protocol):
 
     @property
     def traits(self) -> SectionBounds:
-        """Its bounds."""
+        """Bounds of the section."""
 
     def gauge_along(self, x: Floats, y: Floats, dx: Floats, dy: Floats) -> tuple[Floats, Floats]:
         """Gauge at places, and its derivative along directions, (n,) each."""
 
     def outline(self, count: int) -> Floats:
-        """Points (count, 2) around it, counter-clockwise, m."""
+        """Points (count, 2) [m] around it, counter-clockwise."""
 
 
 class SplineSection:
     """The closed cubic spline through radii at even azimuths, the first at 0.
 
-    `radii` (n,): 3 to 64 distances from the axis, m. Raises ValueError if there are too few or too
+    `radii` (n,): 3 to 64 distances from the axis [m]. Raises ValueError if there are too few or too
     many, or the outline would reach the axis.
     """
 
     def __init__(self, radii: Floats):
         radii = finite_array("radii", radii, (None,))
-        if not LEAST_RADII <= len(radii) <= MOST_RADII:
-            raise ValueError(f"radii must be {LEAST_RADII} to {MOST_RADII}, got {len(radii)}")
-        if not (radii >= LEAST_RADIUS).all():
+        if not MIN_RADII <= len(radii) <= MAX_RADII:
+            raise ValueError(f"radii must be {MIN_RADII} to {MAX_RADII}, got {len(radii)}")
+        if not (radii >= MIN_RADIUS).all():
             raise ValueError(
-                f"radii must be positive, {LEAST_RADIUS:g} m or more, got {radii.tolist()} m"
+                f"radii must be positive, {MIN_RADIUS:g} m or more, got {radii.tolist()} m"
             )
         self._rho = periodic_spline(np.linspace(0.0, 2 * math.pi, len(radii) + 1), radii)
         least = self._rho.value_range()[0]
@@ -353,7 +358,7 @@ class SplineSection:
         """See `Section.gauge_along`."""
         distance = np.hypot(x, y)
         rho, slope = self._radius(np.arctan2(y, x))
-        inverse = 1.0 / (distance + SMALLEST)
+        inverse = 1.0 / (distance + TINY)
         outwards, across = (x * dx + y * dy) * inverse, (x * dy - y * dx) * inverse
         return distance / rho, (outwards - slope / rho * across) / rho
 
@@ -369,12 +374,12 @@ class SplineSection:
 
 
 def periodic_spline(knots: Floats, values: Floats) -> PiecewiseCubic:
-    """The cubic spline through values (n,) at evenly spaced knots (n + 1,), the last the first."""
+    """The periodic cubic spline through values (n,) at evenly spaced knots (n + 1,)."""
     count, width = len(values), float(knots[1] - knots[0])
     matrix = 4 * np.eye(count)
-    every = np.arange(count)
-    np.add.at(matrix, (every, (every + 1) % count), 1.0)
-    np.add.at(matrix, (every, every - 1), 1.0)
+    rows = np.arange(count)
+    np.add.at(matrix, (rows, (rows + 1) % count), 1.0)
+    np.add.at(matrix, (rows, rows - 1), 1.0)
     second = np.roll(values, -1) - 2 * values + np.roll(values, 1)
     turn = np.asarray(6 * second / width**2, np.float64)
     bends = np.asarray(np.linalg.solve(matrix, turn), np.float64)
@@ -389,21 +394,24 @@ def _from_bends(knots: Floats, values: Floats, bends: Floats) -> PiecewiseCubic:
     return PiecewiseCubic(knots, np.stack([values[:-1], slope, bends[:-1] / 2, third]))
 
 
-def _spline_traits(rho: PiecewiseCubic) -> SectionBounds:
-    """By intervals: with g = 1 / rho, g + g'' = (rho^2 + 2 rho'^2 - rho rho'') / rho^3."""
-    share = np.linspace(0.0, 1.0, SPLITS + 1)
+def _spline_traits(rho: PiecewiseCubic, n_parts: int = 64) -> SectionBounds:
+    """Bounds by intervals, `n_parts` of each piece.
+
+    With g = 1 / rho, g + g'' = (rho^2 + 2 rho'^2 - rho rho'') / rho^3.
+    """
+    share = np.linspace(0.0, 1.0, n_parts + 1)
     width = np.diff(rho.knots)
     places = rho.knots[:-1, None] + share * width[:, None]
-    piece = np.repeat(np.arange(len(width), dtype=np.int32)[:, None], SPLITS + 1, axis=1)
+    piece = np.repeat(np.arange(len(width), dtype=np.int32)[:, None], n_parts + 1, axis=1)
     value, slope, bend = rho.at(places, piece)
-    step = width[:, None] / SPLITS
-    bends = _ends(bend, 0.0 * step)  # straight in each part
+    step = width[:, None] / n_parts
+    bends = _ends(bend, 0.0 * step)  # linear in each part
     most_bend = np.abs(bends).max(axis=0)
     slopes = _ends(slope, np.abs(np.diff(bend, axis=1)) * step / 8)
     values = _ends(value, most_bend * step**2 / 8)
     least_slope = np.where(slopes[0] * slopes[1] <= 0.0, 0.0, np.abs(slopes).min(axis=0))
     most_slope = np.abs(slopes).max(axis=0)
-    products = values[:, None] * bends[None]  # radius times bend: its corners
+    products = values[:, None] * bends[None]  # radius times bend, at its corners
     low = values[0] ** 2 + 2 * least_slope**2 - products.max(axis=(0, 1))
     high = values[1] ** 2 + 2 * most_slope**2 - products.min(axis=(0, 1))
     hollow, bulge = (-low / values[0] ** 3).max(), (high / values[0] ** 3).max()
@@ -412,7 +420,7 @@ def _spline_traits(rho: PiecewiseCubic) -> SectionBounds:
 
 
 def _ends(at: Floats, more: Floats) -> Floats:
-    """Range over each part, from its ends and how far it can leave the chord, (2, ...)."""
+    """Range over each part, from its ends and its distance from the chord, (2, ...)."""
     first, last = at[:, :-1], at[:, 1:]
     return np.stack([np.minimum(first, last) - more, np.maximum(first, last) + more])
 
@@ -420,19 +428,19 @@ def _ends(at: Floats, more: Floats) -> Floats:
 class SuperellipseSection:
     """A superellipse about 0.
 
-    `size` (2,): semi-axes along x and y, m. `exponent`: 0.02 nearly a rectangle, 1 an ellipse, 2 a
+    `size` (2,): semi-axes along x and y [m]. `exponent`: 0.02 nearly a rectangle, 1 an ellipse, 2 a
     rhombus. Raises ValueError if a semi-axis is not positive or the exponent is out of its range.
     """
 
     def __init__(self, size: Floats, exponent: float):
         size = finite_array("size", size, (2,))
-        if not (size >= LEAST_RADIUS).all():
+        if not (size >= MIN_RADIUS).all():
             raise ValueError(
-                f"size must be positive, {LEAST_RADIUS:g} m or more, got {size.tolist()} m"
+                f"size must be positive, {MIN_RADIUS:g} m or more, got {size.tolist()} m"
             )
-        if not LEAST_EXPONENT <= exponent <= LARGEST_EXPONENT:
+        if not MIN_EXPONENT <= exponent <= MAX_EXPONENT:
             raise ValueError(
-                f"exponent must lie between {LEAST_EXPONENT} and {LARGEST_EXPONENT}, got {exponent}"
+                f"exponent must lie between {MIN_EXPONENT} and {MAX_EXPONENT}, got {exponent}"
             )
         self._size, self._power = size, 2.0 / exponent
         diagonal, rounded = float(np.hypot(*size)), exponent <= 1.0
@@ -449,7 +457,7 @@ class SuperellipseSection:
         return p_norm_along(np.abs(x) / a, np.abs(y) / b, outwards_x, outwards_y, self._power)
 
     def outline(self, count: int) -> Floats:
-        """See `Section.outline`; a corner is met if `count` is a multiple of 8."""
+        """See `Section.outline`; corners are vertices if `count` is a multiple of 8."""
         angle = np.arange(count) * (2 * math.pi / count)
         rays = np.column_stack([np.cos(angle), np.sin(angle)])
         size, none = np.abs(rays), np.zeros(count)
@@ -458,24 +466,24 @@ class SuperellipseSection:
 
 
 class PiecewiseCubic(NamedTuple):
-    """A function of one number in pieces a + b u + c u^2 + d u^3, u from the piece's begin."""
+    """A function in pieces a + b u + c u^2 + d u^3, with u from the piece's begin."""
 
     knots: Floats  # (n + 1,), increasing
     coefficients: Floats  # (4, n)
 
     def piece(self, places: Floats) -> Ints:
-        """Piece in which each place lies, or which is nearest to it."""
-        found = np.searchsorted(self.knots, places, side="right") - 1
-        return np.clip(found, 0, len(self.knots) - 2).astype(np.int32)
+        """Piece of each place, or the nearest piece."""
+        pieces = np.searchsorted(self.knots, places, side="right") - 1
+        return np.clip(pieces, 0, len(self.knots) - 2).astype(np.int32)
 
     def at(self, places: Floats, piece: Ints) -> tuple[Floats, Floats, Floats]:
-        """Value and the first two derivatives of given pieces, carried on beyond their ends."""
+        """Value and the first two derivatives of pieces, also beyond their ends."""
         u = places - self.knots[piece]
         a, b, c, d = self.coefficients[:, piece]
         return a + u * (b + u * (c + u * d)), b + u * (2 * c + u * 3 * d), 2 * c + 6 * d * u
 
     def extremes(self) -> tuple[Floats, Floats]:
-        """Places inside the pieces at which the function has an extreme, and its values there."""
+        """Places of extremes inside the pieces, and the values there."""
         _, b, c, d = self.coefficients
         root = np.sqrt(np.maximum(c * c - 3 * b * d, 0.0))
         turned = -(c + np.copysign(root, c))  # the larger root first, without cancellation

@@ -9,20 +9,20 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate.core.arrays import Floats
-from palpate.core.shapes.ray_casting import ROOM, RayGap, clip_to_box
+from palpate.core.shapes.ray_casting import BOX_MARGIN, RayGap, clip_to_box
 
-LEAST_CURVATURE = 1e-200  # A bend below it, 1/m, moves nothing by a rounding, but could underflow
-LEAST = 1e-200  # Stands for a vanishing divisor, so that no quotient is 0 / 0 or overflows
+MIN_CURVATURE = 1e-200  # [1/m]; a smaller bend moves nothing, but could underflow
+MIN_DIVISOR = 1e-200  # replaces a vanishing divisor, so that no quotient is 0 / 0 or overflows
 
 
 @dataclass(frozen=True, slots=True)
 class Taper:
     """Widens x and y in proportion to the height: Fung, 1999, (2.7).
 
-    Beyond the ends of what is tapered the widths are those of the ends, so that all of space is
-    mapped one to one. `along_x` and `along_y`: widening at the top, and narrowing at the bottom, as
-    a share of the width; between -1 and 1, so that no section collapses. `half_height`: half the
-    height of what is tapered, m. Raises ValueError if a share is not between -1 and 1.
+    Beyond the ends of the tapered solid the widths are those of the ends, so that space is mapped
+    one to one. `along_x` and `along_y`: widening at the top, and narrowing at the bottom, as a
+    fraction of the width; between -1 and 1, so that no section collapses. `half_height`: of the
+    tapered solid [m]. Raises ValueError if a fraction is not between -1 and 1.
     """
 
     along_x: float
@@ -40,7 +40,7 @@ class Taper:
         return points * self._widths(points[:, 2])
 
     def inverse(self, points: Floats) -> Floats:
-        """Where tapered points (n, 3) were before."""
+        """Points (n, 3) before the taper."""
         return points / self._widths(points[:, 2])
 
     def _widths(self, height: Floats) -> Floats:
@@ -53,22 +53,22 @@ class Taper:
 class Unbent(NamedTuple):
     """Places in the plane of a bend, straightened."""
 
-    inwards: Floats  # Towards the centre of curvature, if it is not negative, m
-    along: Floats  # Height, m
-    stretch: Floats  # Length of the fibre through the place, as a share of the axis's
-    cosine: Floats  # Of the angle through which the bend has turned the place
-    sine: Floats  # Of the same angle, from upwards to inwards
+    inwards: Floats  # [m] towards the centre of curvature, if the curvature is not negative
+    along: Floats  # [m] height
+    stretch: Floats  # length of the fibre through the place over that of the axis
+    cosine: Floats  # of the angle by which the bend has turned the place
+    sine: Floats  # of the same angle, from upwards to inwards
 
 
 @dataclass(frozen=True, slots=True)
 class Bend:
     """Bends the z axis to a circle whose centre is level with the origin: Fung, 1999, (2.8).
 
-    The axis keeps its length, sections across it stay plane and square to it. `curvature`: of the
-    bent axis, 1/m; 0 bends nothing. `direction`: azimuth towards which both ends move, rad; they
-    move the other way if the curvature is negative. Raises ValueError if either is not finite.
-    (2.8) and (2.9) with the angle k z, where the text divides by k, and with the coordinate x cos +
-    y sin, where it takes an arc tangent. No form here loses digits as k vanishes.
+    The axis keeps its length; sections across it stay plane and perpendicular to it. `curvature`:
+    of the bent axis [1/m]; 0 bends nothing. `direction`: azimuth towards which both ends move
+    [rad], or away from which if the curvature is negative. Raises ValueError if either is not
+    finite. (2.8) and (2.9) with the angle k z, where the text divides by k, and with the coordinate
+    x cos + y sin, where it takes an arc tangent. No form here loses digits as k vanishes.
     """
 
     curvature: float
@@ -85,7 +85,7 @@ class Bend:
         """Points (n, 3), bent.
 
         Raises ValueError if a point lies at or beyond the centre of curvature, or so high or low
-        that the axis would close to a circle: bent, it would meet others.
+        that the axis would close to a circle, where bent points coincide.
         """
         inwards, height = points[:, :2] @ self.towards, points[:, 2]
         k = self.curvature
@@ -107,7 +107,7 @@ class Bend:
         return np.column_stack([points[:, :2] + moved[:, None] * self.towards, height])
 
     def inverse(self, points: Floats) -> Floats:
-        """Where bent points (n, 3) were before."""
+        """Points (n, 3) before the bend."""
         inwards = points[:, :2] @ self.towards
         straight = self.unbend(inwards, points[:, 2])
         moved = (straight.inwards - inwards)[:, None] * self.towards
@@ -115,19 +115,19 @@ class Bend:
 
     @property
     def towards(self) -> Floats:
-        """The direction, (2,)."""
+        """Unit vector (2,) of the direction."""
         return np.array([math.cos(self.direction), math.sin(self.direction)])
 
     def unbend(self, inwards: Floats, height: Floats) -> Unbent:
-        """Where places of the bend's plane, (n,) each, in m, were before."""
+        """Places before the bend, from those in the bend's plane, (n,) each [m]."""
         k = self.curvature
-        if abs(k) < LEAST_CURVATURE:
-            one = np.ones_like(inwards)
-            return Unbent(inwards, height, one, one, 0.0 * one)
+        if abs(k) < MIN_CURVATURE:
+            ones = np.ones_like(inwards)
+            return Unbent(inwards, height, ones, ones, 0.0 * ones)
         rise, level = k * height, 1.0 - k * inwards
         stretch = np.sqrt(rise * rise + level * level)
         before = (2.0 * inwards - k * (inwards * inwards + height * height)) / (1.0 + stretch)
-        centre = np.maximum(stretch, LEAST_CURVATURE)
+        centre = np.maximum(stretch, MIN_CURVATURE)
         return Unbent(before, np.arctan2(rise, level) / k, stretch, level / centre, rise / centre)
 
 
@@ -140,16 +140,16 @@ def _sinc(angle: Floats) -> Floats:
 def clip_to_bent_box(
     origins: Floats, direction: Floats, half: Floats, curvature: float
 ) -> tuple[Floats, Floats, tuple[RayGap, ...]]:
-    """Where parallel rays enter and leave a box that was bent with its axis.
+    """Ranges at which parallel rays enter and leave a box that was bent with its axis.
 
-    `origins` (3, n), `direction` (3,) and `half` (3,), half the edges before it was bent, are by
-    coordinate: towards the centre of curvature, square to the bend's plane, up. Returns where they
-    enter, at least 0 and after the end for a ray that misses, and leave for good, (n,), m; and gaps
-    in between, of which no two of a ray meet.
+    `origins` (3, n), `direction` (3,) and `half` (3,), half the edges before the bend, are by
+    coordinate: towards the centre of curvature, perpendicular to the bend's plane, up. Returns the
+    first entry, at least 0 and after the end for a ray that misses, and the last exit, (n,) [m];
+    and disjoint gaps between them.
     """
-    if abs(curvature) < LEAST_CURVATURE:
+    if abs(curvature) < MIN_CURVATURE:
         return *clip_to_box(origins, direction, half), ()
-    inwards, aside, height = half * (1.0 + ROOM)
+    inwards, aside, height = half * (1.0 + BOX_MARGIN)
     across, slope = origins[1], float(direction[1])
     starts, ends = _common(_part_above(across + aside, slope), _part_above(aside - across, -slope))
     begin, end = _part_in_circle(origins, direction, curvature, inwards)
@@ -158,7 +158,7 @@ def clip_to_bent_box(
     if abs(curvature) * height < 0.5 * math.pi:
         begin, end = _part_between_ends(origins, direction, curvature, height, 1.0)
         return np.maximum(starts, begin), np.minimum(ends, end), (hole,)
-    # More than half a circle: what is left out between the ends is the wedge.
+    # More than half a circle: the part outside is the wedge between the ends.
     wedge = _part_between_ends(origins, direction, curvature, height, -1.0)
     return starts, ends, _joined(hole, wedge)
 
@@ -166,16 +166,16 @@ def clip_to_bent_box(
 def _part_in_circle(
     origins: Floats, direction: Floats, curvature: float, outwards: float
 ) -> RayGap:
-    """Where rays are in the cylinder about the bend's axis, `outwards` from its bent axis."""
+    """Interval of rays in the cylinder about the bend's axis, `outwards` of the bent z axis."""
     k, sign = abs(curvature), math.copysign(1.0, curvature)
     across, _, up = direction
     x, _, z = origins
-    a = max(k * (across * across + up * up), LEAST)
+    a = max(k * (across * across + up * up), MIN_DIVISOR)
     b = k * (x * across + z * up) - sign * across
     c = k * (x * x + z * z) - sign * 2.0 * x - outwards * (2.0 + k * outwards)
     inner = b * b - a * c
     root = b + np.copysign(np.sqrt(np.maximum(inner, 0.0)), b)
-    root = np.where(root == 0.0, LEAST, root)
+    root = np.where(root == 0.0, MIN_DIVISOR, root)
     with np.errstate(over="ignore"):
         first, second = -root / a, -c / root
     met = inner > 0.0
@@ -186,7 +186,7 @@ def _part_in_circle(
 def _part_between_ends(
     origins: Floats, direction: Floats, curvature: float, height: float, sign: float
 ) -> RayGap:
-    """Where rays are on the body's side of both its end planes; of neither if `sign` is -1."""
+    """Interval of rays on the solid's side of both end planes; of neither if `sign` is -1."""
     angle = curvature * height
     lever, tilt = height * math.sin(angle) / angle, math.cos(angle)
     level, slope = (1.0 - curvature * origins[0]) * lever, -curvature * direction[0] * lever
@@ -197,11 +197,11 @@ def _part_between_ends(
 
 
 def _part_above(value: Floats, slope: float) -> RayGap:
-    """Where value + slope t is not negative."""
+    """Interval where value + slope t is not negative."""
     never, ever = np.full(len(value), np.inf), np.full(len(value), -np.inf)
-    if slope > LEAST:
+    if slope > MIN_DIVISOR:
         return -value / slope, never
-    if slope < -LEAST:
+    if slope < -MIN_DIVISOR:
         return ever, -value / slope
     return np.where(value >= 0.0, ever, never), np.where(value >= 0.0, never, ever)
 
@@ -213,7 +213,7 @@ def _common(first: RayGap, second: RayGap) -> RayGap:
 
 
 def _joined(first: RayGap, second: RayGap) -> tuple[RayGap, RayGap]:
-    """Two gaps; those that meet are both the whole of them."""
+    """Two gaps of each ray; if they overlap, both are their union."""
     meet = (first[0] <= second[1]) & (second[0] <= first[1])
     begin, end = np.minimum(first[0], second[0]), np.maximum(first[1], second[1])
     first = np.where(meet, begin, first[0]), np.where(meet, end, first[1])

@@ -1,7 +1,7 @@
-"""Hyperquadric: a sum of powers of linear forms, at most 1, perhaps with dents; cast exactly.
+"""Hyperquadric: a sum of powers of linear forms, at most 1, optionally with dents; cast exactly.
 
-Each term alone keeps the solid within a strip between two planes, so that a ray needs to be
-followed only where it lies in all strips, and there no power can overflow. With g >= 1 a power
+Each term bounds the solid to a strip between two planes, so that a ray is searched only where it
+lies in all strips, and there no power overflows. With g >= 1 a power
 |h|^g is convex along a ray: its tangent lies below it, and its chord above. With g < 1 it is two
 concave branches that meet in a cusp at h = 0.
 """
@@ -20,28 +20,27 @@ from palpate.core.shapes.half_spaces import are_concurrent, deepest_point, polyt
 from palpate.core.shapes.protocol import ImplicitShape, Mesh
 from palpate.core.shapes.tessellations import icosphere, isosurface
 
-MOST_TERMS = 24  # Their strips' planes meet in 17,000 points, which are all looked at
-PARALLEL = 1e-9  # Sine, compared with the largest, below which two planes have no crease
-RANGE_TOLERANCE = 1e-13  # Of the solid's smallest extent
-LEAST_EXPONENT, LARGEST_EXPONENT = 0.1, 100.0
-LEAST_NORMAL, LARGEST_NORMAL = 1e-9, 1e9  # 1/m
-TINY = 1e-300
-LARGEST = 1e3  # Beyond it a quantity counts as this: its power would say no more
+MAX_TERMS = 24  # their planes have 17,000 common points, which are all tried
+RANGE_TOLERANCE = 1e-13  # fraction of the solid's smallest extent
+MIN_EXPONENT, MAX_EXPONENT = 0.1, 100.0
+MIN_NORMAL, MAX_NORMAL = 1e-9, 1e9  # [1/m]
+TINY = 1e-300  # added to a base, so that its negative powers are finite
+MAX_FORM = 1e3  # larger linear forms are clipped, so that no power overflows
 
 
 class Hyperquadric(ImplicitShape):
     """The points p = (x, y, z) with H(p) = sum |a x + b y + c z + d|^g + dents <= 1.
 
-    `planes` (n, 4): a, b, c in 1/m, and d, of each term; 24 terms at most. `exponents` (n,): g of
-    each term, 0.1 to 100. If none is below 1, a solid without dents is convex. `dents`: exponential
-    terms. Raises ValueError if a number is not finite or out of range, the strips leave a direction
-    unbounded, or the solid is empty. Fung, 1999, (2.28) to (2.30), followed exactly.
+    `planes` (n, 4): a, b, c [1/m] and d of each term; 24 terms at most. `exponents` (n,): g of each
+    term, 0.1 to 100. If none is below 1, a solid without dents is convex. `dents`: exponential
+    terms. Raises ValueError if a number is not finite or out of range, the solid is unbounded in a
+    direction, or it is empty. Exactly Fung, 1999, (2.28) to (2.30).
     """
 
     def __init__(self, planes: Floats, exponents: Floats, dents: tuple[Dent, ...] = ()):
         planes, exponents = checked_terms(planes, exponents)
-        if len(planes) > MOST_TERMS:
-            raise ValueError(f"planes must be at most {MOST_TERMS}, got {len(planes)}")
+        if len(planes) > MAX_TERMS:
+            raise ValueError(f"planes must be at most {MAX_TERMS}, got {len(planes)}")
         lengths = np.linalg.norm(planes[:, :3], axis=1, keepdims=True)
         if np.linalg.matrix_rank(planes[:, :3] / lengths) < 3:
             raise ValueError(
@@ -49,7 +48,7 @@ class Hyperquadric(ImplicitShape):
                 f"got normals {planes[:, :3].tolist()}"
             )
         self._planes, self._exponents, self._dents = planes, exponents, dents
-        # How large each linear form can be in the solid: what swells it widens the strips.
+        # Bound of each linear form in the solid: swellings widen the strips.
         swelling = sum(max(-dent.depth, 0.0) for dent in dents)
         self._half: Floats = (1.0 + swelling) ** (1.0 / exponents)
         self._box = polytope_box(
@@ -76,7 +75,7 @@ class Hyperquadric(ImplicitShape):
         return not self._dents and bool((self._exponents >= 1.0).all())
 
     def enclosure(self) -> Floats:
-        """The box about the intersection of the strips: see `ImplicitShape.enclosure`."""
+        """The box around the intersection of the strips: see `ImplicitShape.enclosure`."""
         return self._box
 
     def inside_out(self, points: Floats, directions: Floats) -> tuple[Floats, Floats]:
@@ -95,7 +94,7 @@ class Hyperquadric(ImplicitShape):
         return ray_casting.ranges_of(starts, ends, roots)
 
     def spans(self, origins: Floats, direction: Floats) -> Floats:
-        """Where parallel rays are inside, (n, k, 2): see `Solid.spans`."""
+        """Spans of parallel rays inside, (n, k, 2): see `CsgSolid.spans`."""
         if self.convex:
             return ray_casting.convex_spans(self, origins, direction)
         beam = self._beam(origins, direction[None])
@@ -111,7 +110,7 @@ class Hyperquadric(ImplicitShape):
 
     @property
     def _has_radii(self) -> bool:
-        """Whether radii meet the surface once: from where all forms vanish, all powers grow."""
+        """Whether radii meet the surface once: all powers grow from the forms' common zero."""
         return self.convex or (not self._dents and are_concurrent(self._planes))
 
     def _projected(self, level: int) -> Mesh:
@@ -119,11 +118,11 @@ class Hyperquadric(ImplicitShape):
         directions = directions * (0.5 * np.ptp(self._box, axis=0))
         if not self.convex:
             directions = _with_tips(directions, self._planes[:, :3])
-        # From outside inwards, where the first root is the only one.
+        # From outside inwards, with a single root.
         far = self._through_strips(self._beam(self._centre[None], directions))[1]
         beam = self._beam(self._centre + far[:, None] * directions, -directions)
-        found = first_entries(beam, np.zeros(len(far)), far, RANGE_TOLERANCE)
-        return Mesh(self._centre + (far - found)[:, None] * directions, faces)
+        entries = first_entries(beam, np.zeros(len(far)), far, RANGE_TOLERANCE)
+        return Mesh(self._centre + (far - entries)[:, None] * directions, faces)
 
     def _tolerance(self) -> float:
         return RANGE_TOLERANCE * float(np.ptp(self._box, axis=0).min())
@@ -131,25 +130,25 @@ class Hyperquadric(ImplicitShape):
     def _beam(self, origins: Floats, directions: Floats) -> RayBundle:
         """Rays from origins (n, 3) in directions (n, 3), or in one, (1, 3)."""
 
-        def forms(of: Floats) -> tuple[Floats, Floats]:
-            return of[:, :3] @ origins.T + of[:, 3:], of[:, :3] @ directions.T
+        def forms(planes: Floats) -> tuple[Floats, Floats]:
+            return planes[:, :3] @ origins.T + planes[:, 3:], planes[:, :3] @ directions.T
 
         kept = tuple((dent, *forms(dent.planes)) for dent in self._dents)
         return RayBundle(*forms(self._planes), self._exponents[:, None], kept)
 
     def _through_strips(self, beam: RayBundle) -> tuple[Floats, Floats]:
-        least = ray_casting.LEAST_DIRECTION
+        least = ray_casting.MIN_DIRECTION
         rate = np.where(np.abs(beam.rate) < least, least, beam.rate)
         middle = -beam.h / rate
-        half = (1.0 + ray_casting.ROOM) * self._half[:, None] / np.abs(rate)
+        half = (1.0 + ray_casting.BOX_MARGIN) * self._half[:, None] / np.abs(rate)
         return np.maximum((middle - half).max(axis=0), 0.0), (middle + half).min(axis=0)
 
 
 def first_entries(rays: RayBundle, starts: Floats, ends: Floats, tolerance: float) -> Floats:
     """First place (n,) of each ray at which it is inside, or `MISS`.
 
-    Powers of 1 and more are convex along a ray, and a dent with powers of 2 and more bends
-    downwards no more than is known: these go by `first_roots`, all others by bounds.
+    Powers of 1 and more are convex along a ray, and the downward bend of a dent with powers of 2
+    and more is bounded: these use `first_roots`, all others bounds over intervals.
     """
     dip = sum(dent.dip(rate) for dent, _, rate in rays.dents)
     if (rays.exponents < 1.0).any() or not math.isfinite(dip):
@@ -162,7 +161,7 @@ def first_entries(rays: RayBundle, starts: Floats, ends: Floats, tolerance: floa
 
 
 def minorant(rays: RayBundle, outside: bool) -> ray_casting.MinorantFunction:
-    """Bounds from below of H less 1, or of 1 less H."""
+    """Lower bounds of H less 1, or of 1 less H."""
     line_of, sign = (line_below, 1.0) if outside else (line_above, -1.0)
 
     def floor(places: Floats, lengths: Floats, which: Ints) -> ray_casting.Minorant:
@@ -182,7 +181,7 @@ def line_below(h: Floats, rate: Floats, exponents: Floats, lengths: Floats) -> L
     tangent = power_slopes(h, rate, exponents)
     if convex.all():
         return LinearBound(tangent, np.zeros_like(tangent))
-    # A branch lies above its chord. If it ends in a cusp, all that is known is: not below 0.
+    # A branch lies above its chord. If it ends in a cusp, the only bound is 0.
     passed = ~convex & (lengths > _to_cusp(h, rate))
     chord = _chord(h, rate, exponents, lengths)
     slope = np.where(convex, tangent, np.where(passed, 0.0, chord))
@@ -209,12 +208,15 @@ def _chord(h: Floats, rate: Floats, exponents: Floats, lengths: Floats) -> Float
         return np.where(lengths > 0.0, rise / lengths, power_slopes(h, rate, exponents))
 
 
-def _with_tips(directions: Floats, normals: Floats) -> Floats:
-    """Directions, the nearest to each crease's turned into it: there the solid has its tips."""
+def _with_tips(directions: Floats, normals: Floats, min_sine: float = 1e-9) -> Floats:
+    """Directions, of which the nearest to each crease is moved onto it: the solid has tips there.
+
+    `min_sine`: between two planes with a crease, over the largest sine.
+    """
     first, second = np.triu_indices(len(normals), 1)
     creases = np.cross(normals[first], normals[second])
     length = np.linalg.norm(creases, axis=1)
-    creases = creases[length > PARALLEL * length.max()]
+    creases = creases[length > min_sine * length.max()]
     towards = creases / np.linalg.norm(creases, axis=1, keepdims=True)
     towards = np.concatenate([towards, -towards])
     lengths = np.linalg.norm(directions, axis=1, keepdims=True)
@@ -225,25 +227,25 @@ def _with_tips(directions: Floats, normals: Floats) -> Floats:
 
 
 class RayBundle(NamedTuple):
-    """Some rays, by the values of the linear forms where they start."""
+    """Rays, by the values of the linear forms at their origins."""
 
-    h: Floats  # Of the terms, (k, n)
-    rate: Floats  # How they change, (k, n) or (k, 1), 1/m
+    h: Floats  # values of the terms' forms, (k, n)
+    rate: Floats  # derivatives of the forms, (k, n) or (k, 1) [1/m]
     exponents: Floats  # (k, 1)
-    dents: tuple[tuple[Dent, Floats, Floats], ...]  # The dents with values and rates of their forms
+    dents: tuple[tuple[Dent, Floats, Floats], ...]  # with values and derivatives of their forms
 
     def of(self, which: ray_casting.RaySelection) -> RayBundle:
-        """Some of the rays."""
+        """The selected rays."""
         dents = tuple((dent, h[:, which], _some(rate, which)) for dent, h, rate in self.dents)
         return RayBundle(self.h[:, which], _some(self.rate, which), self.exponents, dents)
 
     def at(self, places: Floats) -> RayBundle:
-        """The same rays from places (n,) along them on."""
+        """The same rays with origins moved to places (n,) along them."""
         dents = tuple((dent, h + rate * places, rate) for dent, h, rate in self.dents)
         return RayBundle(self.h + self.rate * places, self.rate, self.exponents, dents)
 
     def level(self) -> tuple[Floats, Floats]:
-        """H less 1 and its slope where the rays start, (n,)."""
+        """H less 1 and its slope at the rays' origins, (n,)."""
         value = powers(self.h, self.exponents).sum(axis=0) - 1.0
         slope = power_slopes(self.h, self.rate, self.exponents).sum(axis=0)
         for dent, h, rate in self.dents:
@@ -260,10 +262,10 @@ def _some(rate: Floats, which: ray_casting.RaySelection) -> Floats:
 class Dent:
     """A term a exp(-sum |a_k x + b_k y + c_k z + d_k|^g_k) of a hyperquadric.
 
-    `depth`: a: above 0 it dents the solid, below it swells it, 1. `planes` (n, 4): a_k, b_k, c_k in
-    1/m, and d_k: the dent lies where all these are small. `exponents` (n,): g_k, 0.1 to 100. Raises
-    ValueError if a number is not finite, an exponent out of range, there is no plane, or one of
-    them faces nowhere. Fung, 1999, (2.30).
+    `depth`: a, positive for a dent, negative for a swelling. `planes` (n, 4): a_k, b_k, c_k [1/m]
+    and d_k: the dent lies where all forms are small. `exponents` (n,): g_k, 0.1 to 100. Raises
+    ValueError if a number is not finite, an exponent is out of range, there is no plane, or one has
+    no normal. Fung, 1999, (2.30).
     """
 
     depth: float
@@ -292,7 +294,7 @@ class Dent:
         return LinearBound(np.where(known, slopes[end], 0.0), np.where(known, 0.0, gap))
 
     def dip(self, rate: Floats) -> float:
-        """How much the term bends downwards anywhere along rays, 1/m2; infinite if unbounded.
+        """Bound [1/m2] of the term's downward bend along rays; infinite without one.
 
         `rate` (k, n): derivatives of the planes' values along the rays. The second derivative is E
         (Q'^2 - Q'') with E = a exp(-Q). Each |h|^m exp(-|h|^g) is largest where |h|^g = m / g, and
@@ -323,21 +325,21 @@ class Dent:
 
 
 def checked_terms(planes: Floats, exponents: Floats) -> tuple[Floats, Floats]:
-    """Planes (n, 4) and exponents (n,) of terms; raises ValueError if they cannot be those."""
+    """Planes (n, 4) and exponents (n,) of terms; raises ValueError if they are none."""
     planes = finite_array("planes", planes, (None, 4))
     if not len(planes):
         raise ValueError("planes must be at least one, got none")
     length = np.hypot(np.hypot(planes[:, 0], planes[:, 1]), planes[:, 2])
-    bad = ~((length >= LEAST_NORMAL) & (length <= LARGEST_NORMAL))
+    bad = ~((length >= MIN_NORMAL) & (length <= MAX_NORMAL))
     if bad.any():
         raise ValueError(
-            f"planes[{bad.argmax()}] must face somewhere: (a, b, c) must be {LEAST_NORMAL:g} to "
-            f"{LARGEST_NORMAL:g} 1/m long, got {length[bad][0]:g}"
+            f"planes[{bad.argmax()}] must face somewhere: (a, b, c) must be {MIN_NORMAL:g} to "
+            f"{MAX_NORMAL:g} 1/m long, got {length[bad][0]:g}"
         )
     exponents = finite_array("exponents", exponents, (len(planes),))
-    if not ((exponents >= LEAST_EXPONENT) & (exponents <= LARGEST_EXPONENT)).all():
+    if not ((exponents >= MIN_EXPONENT) & (exponents <= MAX_EXPONENT)).all():
         raise ValueError(
-            f"exponents must lie between {LEAST_EXPONENT:g} and {LARGEST_EXPONENT:g}, "
+            f"exponents must lie between {MIN_EXPONENT:g} and {MAX_EXPONENT:g}, "
             f"got {exponents.tolist()}"
         )
     return planes, exponents
@@ -358,11 +360,11 @@ def range_of_powers(h: Floats, rate: Floats, exponents: Floats, lengths: Floats)
 
 def powers(h: Floats, exponents: Floats) -> Floats:
     """Powers |h|^g, (k, n), of quantities (k, n) with exponents (k, 1)."""
-    return np.minimum(np.abs(h), LARGEST) ** exponents
+    return np.minimum(np.abs(h), MAX_FORM) ** exponents
 
 
 def range_of_slopes(h: Floats, rate: Floats, exponents: Floats, lengths: Floats) -> Floats:
-    """Least and largest derivative of the powers over the lengths, (2, k, n); perhaps infinite."""
+    """Least and largest derivative of the powers over the lengths, (2, k, n), or infinite."""
     after = h + rate * lengths
     first, last = (power_slopes(place, rate, exponents) for place in (h, after))
     ends = np.sort(np.stack([first, last]), axis=0)
@@ -372,12 +374,12 @@ def range_of_slopes(h: Floats, rate: Floats, exponents: Floats, lengths: Floats)
 
 def power_slopes(h: Floats, rate: Floats, exponents: Floats) -> Floats:
     """Derivatives of the powers along rays, (k, n), from those of the quantities; 0 in a cusp."""
-    size = np.minimum(np.abs(h), LARGEST)
+    size = np.minimum(np.abs(h), MAX_FORM)
     return exponents * (size + TINY) ** (exponents - 1.0) * (np.sign(h) * rate)
 
 
 def _to_cusp(h: Floats, rate: Floats) -> Floats:
-    """Way to where a quantity is 0; infinite if that is not ahead."""
+    """Distance to the zero of a form; infinite if it is not ahead."""
     with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
         return np.where(h * rate < 0.0, -h / rate, np.inf)
 
@@ -385,5 +387,5 @@ def _to_cusp(h: Floats, rate: Floats) -> Floats:
 class LinearBound(NamedTuple):
     """A line below or above a function from a place on."""
 
-    slope: Floats  # 1/m
-    gap: Floats  # How far from the function it begins
+    slope: Floats  # [1/m]
+    gap: Floats  # between line and function at the place

@@ -1,4 +1,4 @@
-"""Open edges that pass corners of other open edges: T-junctions, gaps of no width."""
+"""T-junctions: corners of open edges that lie on other open edges, gaps without width."""
 
 from __future__ import annotations
 
@@ -9,30 +9,31 @@ from palpate.core.arrays import Floats, Ints
 
 Indices = NDArray[np.intp]
 
-MAX_ROUNDS = 8  # An edge of a face is parted in each: a face has three, its pieces what is left
 
+def split_at_junctions(
+    vertices: Floats, faces: Ints, tolerance: float, max_rounds: int = 8
+) -> tuple[Ints, int]:
+    """Faces (m, 3) split where corners of other open edges lie on their open edges.
 
-def split_at_junctions(vertices: Floats, faces: Ints, tolerance: float) -> tuple[Ints, int]:
-    """Faces (m, 3) parted where corners of open edges lie on their own open edges.
-
-    `tolerance`: how far from an edge a corner lies at most, in the unit of the vertices (n, 3).
-    Returns the faces, and the number of corners that were set into edges.
+    `tolerance`: of a corner from an edge, in the unit of the vertices (n, 3). `max_rounds`: one
+    edge of each face is split in each. Returns the faces, and the number of corners inserted into
+    edges.
     """
-    parted = 0
-    for _ in range(MAX_ROUNDS):
+    n_inserted = 0
+    for _ in range(max_rounds):
         edge, corner = _corners_on_edges(vertices, faces, tolerance)
         if not len(edge):
             break
         face = edge // 3
-        alone = edge == edge[np.searchsorted(face, face)]  # of each face one edge at a time
-        edge, corner = edge[alone], corner[alone]
-        faces = _parted(faces, edge, corner)
-        parted += len(edge)
-    return faces, parted
+        chosen = edge == edge[np.searchsorted(face, face)]  # one edge of each face
+        edge, corner = edge[chosen], corner[chosen]
+        faces = _split(faces, edge, corner)
+        n_inserted += len(edge)
+    return faces, n_inserted
 
 
 def _corners_on_edges(vertices: Floats, faces: Ints, tolerance: float) -> tuple[Indices, Indices]:
-    """Open edges, numbered 3 f + i, and corners on them: by edge, and from its begin to its end."""
+    """Open edges, numbered 3 f + i, and corners on them, sorted by edge and place along it."""
     from scipy.spatial import cKDTree
 
     begin, end = faces.ravel().astype(np.int64), np.roll(faces, -1, axis=1).ravel().astype(np.int64)
@@ -46,21 +47,22 @@ def _corners_on_edges(vertices: Floats, faces: Ints, tolerance: float) -> tuple[
     start, along = vertices[begin[opened]], vertices[end[opened]] - vertices[begin[opened]]
     length = np.linalg.norm(along, axis=1)
     near = cKDTree(vertices[rim]).query_ball_point(start + 0.5 * along, 0.5 * length + tolerance)
-    counts = np.array([len(one) for one in near])
+    counts = np.array([len(indices) for indices in near])
     row = np.repeat(np.arange(len(opened)), counts)
-    corner = rim[np.concatenate([np.array(one, np.intp) for one in near])]
+    corner = rim[np.concatenate([np.array(indices, np.intp) for indices in near])]
     away = vertices[corner] - start[row]
-    way = np.einsum("ni,ni->n", away, along[row]) / np.maximum(length[row], np.finfo(float).tiny)
-    off = np.linalg.norm(away - (way / length[row])[:, None] * along[row], axis=1)
-    on = (off <= tolerance) & (way > tolerance) & (way < length[row] - tolerance)
+    least = np.finfo(float).tiny
+    place = np.einsum("ni,ni->n", away, along[row]) / np.maximum(length[row], least)
+    offset = np.linalg.norm(away - (place / length[row])[:, None] * along[row], axis=1)
+    on = (offset <= tolerance) & (place > tolerance) & (place < length[row] - tolerance)
     on &= ~(faces[opened[row] // 3] == corner[:, None]).any(axis=1)
-    row, corner, way = row[on], corner[on], way[on]
-    order = np.lexsort((way, opened[row]))
+    row, corner, place = row[on], corner[on], place[on]
+    order = np.lexsort((place, opened[row]))
     return opened[row][order], corner[order]
 
 
-def _parted(faces: Ints, edge: Indices, corner: Indices) -> Ints:
-    """Faces of which one edge each is parted at corners, all pieces with the corner opposite."""
+def _split(faces: Ints, edge: Indices, corner: Indices) -> Ints:
+    """Faces with one edge each split at corners, joined to the opposite corner."""
     first = np.concatenate([[True], edge[1:] != edge[:-1]])
     last = np.concatenate([first[1:], [True]])
     face, at = edge // 3, edge % 3

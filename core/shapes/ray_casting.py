@@ -1,16 +1,17 @@
-"""Where rays meet solids: first roots that cannot be passed, spans inside, and clipping to a box.
+"""Intersections of rays with solids: guaranteed first roots, spans inside, clipping to a box.
 
 If the second derivative of f is nowhere below -dip, then f lies above the parabola through its
 value and slope at any place, and the parabola's first root is a step that cannot pass a root of f,
 however thin the part below zero (`first_roots`). Where only bounds over intervals are known, the
-caller gives such a parabola for the stretch that is asked about; stretches grow while they prove
-free, and shrink to where the parabola failed (`guaranteed_first_roots`). Spans: Roth, *Ray casting
-for modeling solids*, 1982.
+caller gives such a parabola for each interval; intervals grow while they have no root, and shrink
+to where the parabola fails (`guaranteed_first_roots`). Spans: Roth, *Ray casting for modeling
+solids*, 1982.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -18,34 +19,47 @@ import numpy as np
 from palpate.core.arrays import Bools, Floats, Ints
 from palpate.core.shapes.protocol import INSIDE, MISS, ImplicitShape
 
-MOST_SPANS = 64  # On one ray; the surface behind the last is not seen
-NUDGE = 1e4  # Tolerances; spans that are thinner, and gaps between them, are left out
 RaySelection = slice | Ints
-# Places (m,) on those of the functions that are named: values and slopes (m,).
+# Places (m,) on selected rays to values and slopes (m,) of their functions.
 RayFunction = Callable[[Floats, RaySelection], tuple[Floats, Floats]]
-RayGap = tuple[Floats, Floats]  # Begin and end (n,) of an interval that is known to have no root
-MOST_NEWTON_STEPS = 2000  # Along a flat face, a gap g away, it takes some 1 / sqrt(g) steps
-FEW = 0.6  # Functions that are done are carried along until the others are fewer than this share
-MOST_MARCH_STEPS = 2000
-GROWTH = 4.0  # A stretch that was free is followed by one this many times as long
-SHRINKAGE = 0.125  # Of a stretch over which nothing could be told
-CLOSE = 4.0  # A root is believed where it is seen over a stretch this many tolerances long
-LEAST_DIRECTION = 1e-200  # Stands for a direction of 0, so that no division is 0 / 0 or overflows
-ROOM = 1e-12  # Share by which the box is widened: what lies in its faces is in it
+RayGap = tuple[Floats, Floats]  # begin and end (n,) of an interval without a root
+MIN_DIRECTION = 1e-200  # replaces a direction of 0, so that no division is 0 / 0 or overflows
+BOX_MARGIN = 1e-12  # fraction by which boxes are enlarged, so that they contain their faces
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NewtonSettings:
+    """Search for first roots of functions with bounded second derivatives."""
+
+    # Steps; along a flat face at a distance g about 1 / sqrt(g) are needed.
+    max_steps: int = 2000
+    compaction: float = 0.6  # share of unfinished functions below which finished ones are dropped
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MarchSettings:
+    """Search for roots by intervals over which parabolas bound the functions."""
+
+    max_steps: int = 2000
+    growth: float = 4.0  # of an interval after one without a root
+    shrinkage: float = 0.125  # of an interval whose bound does not decide
+    root_length: float = 4.0  # [tolerances] of an interval that proves a root, at most
+    max_spans: int = 64  # of one ray; the surface behind the last is ignored
+    min_span: float = 1e4  # [tolerances]; thinner spans, and gaps between them, are ignored
 
 
 def ranges_of(starts: Floats, ends: Floats, roots: Callable[[Ints], Floats]) -> Floats:
-    """Range (n,) of rays with these ends: `roots` gives first roots of those that have a length."""
+    """Ranges (n,) of rays between ends; `roots` gives first roots of rays with some length."""
     ranges = np.full(len(starts), MISS)
     met: Ints = np.flatnonzero(starts <= ends).astype(np.int32)
     if len(met):
-        found = roots(met)
-        ranges[met] = np.where(found == 0.0, INSIDE, found)
+        first = roots(met)
+        ranges[met] = np.where(first == 0.0, INSIDE, first)
     return ranges
 
 
 def convex_spans(shape: ImplicitShape, origins: Floats, direction: Floats) -> Floats:
-    """The one span of each ray in a convex solid, (n, 1, 2): a cast forwards and one back."""
+    """The single span of each ray in a convex solid, (n, 1, 2): by a cast from either side."""
     low, high = shape.enclosure()
     farthest = np.where(direction > 0.0, high, low) @ direction
     size = float(np.linalg.norm(high - low))
@@ -66,35 +80,41 @@ def marched_spans(
     starts: Floats,
     ends: Floats,
     tolerance: float,
+    settings: MarchSettings = MarchSettings(),
 ) -> Floats:
-    """Spans (n, k, 2), at most 64, found by going from surface to surface.
+    """Spans (n, k, 2) inside, from surface to surface, at most `max_spans`.
 
-    `entering` and `leaving`: bounds from below of a function that is negative inside, and of its
-    negative; outside `starts` and `ends` (n,) a ray is outside.
+    `entering` and `leaving`: lower bounds of a function that is negative inside, and of its
+    negative; before `starts` and after `ends` (n,) a ray is outside.
     """
-    found: list[Floats] = []
+    spans: list[Floats] = []
+    least = settings.min_span * tolerance
     rows = np.flatnonzero(starts <= ends)
     places = starts[rows]
-    for _ in range(MOST_SPANS):
+    for _ in range(settings.max_spans):
         if not len(rows):
             break
-        begin = guaranteed_first_roots(_of_rays(entering, rows), places, ends[rows], tolerance)
+        begin = guaranteed_first_roots(
+            _of_rays(entering, rows), places, ends[rows], tolerance, settings
+        )
         met = begin < MISS
         rows, begin = rows[met], begin[met]
-        within = np.minimum(begin + NUDGE * tolerance, ends[rows])
-        end = guaranteed_first_roots(_of_rays(leaving, rows), within, ends[rows], tolerance)
-        end = np.minimum(end, ends[rows])  # what ends the part ends the solid
-        thick = end > within
+        inner = np.minimum(begin + least, ends[rows])
+        end = guaranteed_first_roots(
+            _of_rays(leaving, rows), inner, ends[rows], tolerance, settings
+        )
+        end = np.minimum(end, ends[rows])  # the solid ends with the ray's part
+        thick = end > inner
         span = np.full((len(starts), 2), np.inf)
         span[rows[thick], 0] = np.where(begin == 0.0, INSIDE, begin)[thick]
         span[rows[thick], 1] = end[thick]
-        found.append(span)
-        places = np.maximum(end, within) + NUDGE * tolerance
-        going = places < ends[rows]
-        rows, places = rows[going], places[going]
-    if not found:
+        spans.append(span)
+        places = np.maximum(end, inner) + least
+        active = places < ends[rows]
+        rows, places = rows[active], places[active]
+    if not spans:
         return np.full((len(starts), 1, 2), np.inf)
-    return np.sort(np.stack(found, axis=1), axis=1)
+    return np.sort(np.stack(spans, axis=1), axis=1)
 
 
 def _of_rays(below: MinorantFunction, rows: np.ndarray) -> MinorantFunction:
@@ -109,44 +129,45 @@ def first_roots(
     dip: float = 0.0,
     rise: float = np.inf,
     gaps: tuple[RayGap, ...] = (),
+    settings: NewtonSettings = NewtonSettings(),
 ) -> Floats:
-    """First place (n,) from `starts` on where each function is not positive.
+    """First place (n,) after `starts` where each function is not positive.
 
-    The second derivatives lie between -`dip` and `rise`, but for `gaps`, of which no two of a
-    function may meet, and in which there is no root. Returns (n,), `MISS` where there is no root to
-    the tolerance, or none was found in 2000 steps; the start itself, to the bit, where the function
-    is not positive there.
+    The second derivatives lie between -`dip` and `rise` except in `gaps`, which are disjoint for
+    each function and have no root. Returns (n,): `MISS` where there is no root within the
+    tolerance, or none after `max_steps`; the start itself, bit for bit, where the function is not
+    positive there.
     """
-    found = np.full(len(starts), MISS)
+    roots = np.full(len(starts), MISS)
     places = starts
     for gap in gaps:
         places = _across(gap, places, places)
     rows: Ints = np.arange(len(starts), dtype=np.int32)
     which: RaySelection = slice(None)
-    going = places <= ends
+    active = places <= ends
     with np.errstate(divide="ignore", over="ignore", invalid="ignore"):  # level: a step of inf
-        for _ in range(MOST_NEWTON_STEPS):
-            left = np.count_nonzero(going)
-            if left == 0:
+        for _ in range(settings.max_steps):
+            n_active = np.count_nonzero(active)
+            if n_active == 0:
                 break
-            if left < FEW * len(going):
-                which = rows = rows[going]
-                places, ends = places[going], ends[going]
-                gaps = tuple((begin[going], end[going]) for begin, end in gaps)
-                going = np.ones(left, bool)
+            if n_active < settings.compaction * len(active):
+                which = rows = rows[active]
+                places, ends = places[active], ends[active]
+                gaps = tuple((begin[active], end[active]) for begin, end in gaps)
+                active = np.ones(n_active, bool)
             value, slope = function(places, which)
             step = _safe_step(value, slope, dip)
             last = (step <= tolerance) | (rise * step * step <= -tolerance * slope)
             after = places + step
             if np.count_nonzero(last):
-                arrived = going & last & (after <= ends)
-                found[rows[arrived]] = after[arrived]
-                going = going & ~last
+                arrived = active & last & (after <= ends)
+                roots[rows[arrived]] = after[arrived]
+                active = active & ~last
             for gap in gaps:
                 after = _across(gap, places, after)
-            going = going & (after <= ends)
+            active = active & (after <= ends)
             places = after
-    return found
+    return roots
 
 
 def _across(gap: RayGap, before: Floats, after: Floats) -> Floats:
@@ -155,7 +176,7 @@ def _across(gap: RayGap, before: Floats, after: Floats) -> Floats:
 
 
 def _safe_step(value: Floats, slope: Floats, dip: float) -> Floats:
-    """To the first root of the parabola below, in the form that does not cancel; else 0."""
+    """Step to the first root of the bounding parabola, without cancellation; 0 if there already."""
     if dip == 0.0:
         step = 2.0 * value / (np.abs(slope) - slope)
     else:
@@ -168,90 +189,96 @@ def _safe_step(value: Floats, slope: Floats, dip: float) -> Floats:
 
 
 class Minorant(NamedTuple):
-    """Parabolas below functions, from a place on: value - drop + slope s - dip s^2 / 2."""
+    """Lower bounds of functions after a place: value - drop + slope s - dip s^2 / 2."""
 
-    value: Floats  # Of the functions, (n,)
-    slope: Floats  # How the parabolas begin to rise, (n,)
-    dip: Floats | float  # How much they bend downwards, not negative, (n,)
-    length: Floats  # How far they hold, (n,); at most as far as was asked
-    drop: Floats  # How far below the functions they begin, (n,)
+    value: Floats  # of the functions, (n,)
+    slope: Floats  # of the parabolas at the place, (n,)
+    dip: Floats | float  # downward bend of the parabolas, not negative, (n,)
+    length: Floats  # over which they hold, (n,); at most the requested one
+    drop: Floats  # of the parabolas below the functions at the place, (n,)
 
 
 def guaranteed_first_roots(
-    below: MinorantFunction, starts: Floats, ends: Floats, tolerance: float
+    below: MinorantFunction,
+    starts: Floats,
+    ends: Floats,
+    tolerance: float,
+    settings: MarchSettings = MarchSettings(),
 ) -> Floats:
-    """First place (n,) from `starts` on where each function is not positive.
+    """First place (n,) after `starts` where each function is not positive.
 
-    `below` gives parabolas below the functions. `MISS` where there is no root to the tolerance, or
-    none in 2000 steps; the start itself, to the bit, if it is not positive there.
+    `below` gives lower bounds of the functions. Returns `MISS` where there is no root within the
+    tolerance, or none after `max_steps`; the start itself, bit for bit, if it is not positive
+    there.
     """
-    found = np.full(len(starts), MISS)
+    roots = np.full(len(starts), MISS)
     rows: Ints = np.flatnonzero(starts <= ends).astype(np.int32)
     places, ends = starts[rows], ends[rows]
-    asked = ends - places
-    for _ in range(MOST_MARCH_STEPS):
+    length = ends - places
+    for _ in range(settings.max_steps):
         if not len(rows):
             break
-        asked = np.minimum(asked, ends - places)
-        floor = below(places, asked, rows)
-        step, asked, arrived = _judged(floor, _first_root(floor), asked, tolerance)
+        length = np.minimum(length, ends - places)
+        floor = below(places, length, rows)
+        step, length, arrived = _next_step(floor, _first_root(floor), length, tolerance, settings)
         places = places + step
-        found[rows[arrived]] = places[arrived]
-        going = ~arrived & (places < ends)
-        if np.count_nonzero(going) < len(going):
-            rows, places, ends, asked = rows[going], places[going], ends[going], asked[going]
-    return found
+        roots[rows[arrived]] = places[arrived]
+        active = ~arrived & (places < ends)
+        if np.count_nonzero(active) < len(active):
+            rows, places, ends = rows[active], places[active], ends[active]
+            length = length[active]
+    return roots
 
 
 def _first_root(floor: Minorant) -> Floats:
-    """Way to the parabola's first root, in the form that does not cancel; infinite if none."""
+    """Distance to the parabola's first root, without cancellation; infinite if there is none."""
     value, slope = floor.value - floor.drop, floor.slope
     with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
         steep = np.sqrt(slope * slope + 2.0 * floor.dip * value)
         rising = np.where(np.asarray(floor.dip) > 0.0, (steep + slope) / floor.dip, np.inf)
         root = np.where(slope >= 0.0, rising, 2.0 * value / (steep - slope))
-    root[np.isnan(root) | (value <= 0.0)] = 0.0  # nan: an infinite slope, nothing can be told
+    root[np.isnan(root) | (value <= 0.0)] = 0.0  # nan: an infinite slope, which decides nothing
     return root
 
 
-def _judged(
-    floor: Minorant, root: Floats, asked: Floats, tolerance: float
+def _next_step(
+    floor: Minorant, root: Floats, requested: Floats, tolerance: float, settings: MarchSettings
 ) -> tuple[Floats, Floats, Bools]:
-    """How far to go, how far to ask from there, and who has arrived."""
-    length = floor.length
+    """Step, length of the next interval, and whether the place is a root."""
+    length, least = floor.length, settings.root_length * tolerance
     free = root > length
     close = ~free & (root <= tolerance)
-    short = length <= CLOSE * tolerance
+    short = length <= least
     dropped = floor.drop > 0.0
     there = floor.value <= 0.0
     arrived = there | (close & short & ~dropped)
     blind = close & ~there & (~short | dropped)
     step = np.where(there, 0.0, np.minimum(root, length))
-    # Over a stretch as short as that, what could not be ruled out is passed, and seen behind.
+    # A short interval that is undecided is passed: a root there shows behind it.
     step = np.where(blind, np.where(short, length, 0.0), step)
-    # A floor may hold less far than was asked; the next may be asked as far again.
-    after = np.where(free, np.where(length < asked, asked, GROWTH * asked), 2.0 * step)
-    least = CLOSE * tolerance
-    shorter = np.where(dropped, np.maximum(SHRINKAGE * length, least), least)
-    after = np.where(blind, np.where(short, GROWTH * length, shorter), after)
+    # A bound may hold over less than the requested length, which is then kept.
+    grown = np.where(length < requested, requested, settings.growth * requested)
+    after = np.where(free, grown, 2.0 * step)
+    shorter = np.where(dropped, np.maximum(settings.shrinkage * length, least), least)
+    after = np.where(blind, np.where(short, settings.growth * length, shorter), after)
     return step, after, arrived
 
 
 def clip_to_box(origins: Floats, direction: Floats, half: Floats) -> tuple[Floats, Floats]:
-    """Where parallel rays enter and leave a box about the origin.
+    """Ranges at which parallel rays enter and leave a box about the origin.
 
-    `origins` (3, n): where the rays start, by coordinate, m. `direction` (3,): their direction.
-    `half` (3,): half the box's edges, m. Returns `starts`, `ends` (n,): ranges, at least 0; a ray
-    that misses the box starts after its end.
+    `origins` (3, n): of the rays, by coordinate [m]. `direction` (3,): their direction. `half`
+    (3,): half the box's edges [m]. Returns `starts`, `ends` (n,): at least 0; the start of a ray
+    that misses the box is after its end.
     """
-    slowness = 1.0 / np.where(np.abs(direction) < LEAST_DIRECTION, LEAST_DIRECTION, direction)
+    slowness = 1.0 / np.where(np.abs(direction) < MIN_DIRECTION, MIN_DIRECTION, direction)
     middle = origins * -slowness[:, None]
-    halfway = (np.abs(slowness) * half * (1.0 + ROOM))[:, None]
+    halfway = (np.abs(slowness) * half * (1.0 + BOX_MARGIN))[:, None]
     x, y, z = middle - halfway
     starts = np.maximum(np.maximum(x, y), np.maximum(z, 0.0))
     x, y, z = middle + halfway
     return starts, np.minimum(np.minimum(x, y), z)
 
 
-# Places, lengths and numbers (n,) of some of the functions: what lies below them.
+# Places, lengths and indices (n,) of some functions to their lower bounds.
 MinorantFunction = Callable[[Floats, Floats, Ints], Minorant]

@@ -1,8 +1,8 @@
-"""Volume and moments of a superquadric in closed form, its area, and samples even by area.
+"""Volume and moments of a superquadric in closed form, its area, and samples uniform by area.
 
-Even in its parameters is not even on the surface. Here flat facets are drawn by their area, places
-on them evenly, and these are thrown onto the surface along the radii; how much area each then
-stands for is known exactly, and decides whether it is kept.
+Uniform parameters are not uniform on the surface. Here flat facets are drawn by their area, places
+on them uniformly, and these are projected onto the surface along the radii; the ratio of areas is
+known exactly, and gives the probability of keeping a sample.
 """
 
 from __future__ import annotations
@@ -18,34 +18,32 @@ from palpate.core.shapes.global_deformations import Bend, Taper
 from palpate.core.shapes.superquadrics import Superquadric, gauge_and_gradient
 from palpate.reprs import readable
 
-LEVEL = 4  # 5120 facets
-HEADROOM = 1.25  # By how much a place may stand for more area than any corner or middle of a facet
 NO_TAPER: Floats = np.zeros(2)
 NO_BEND = Bend(0.0)
-CORNERS_AND_MIDDLES = (
+QUADRATURE_NODES = (  # corners and middles of a triangle and its sides, barycentric
     np.array([[6, 0, 0], [0, 6, 0], [0, 0, 6], [2, 2, 2], [3, 3, 0], [3, 0, 3], [0, 3, 3]]) / 6.0
 )
-WEIGHTS = np.array([3, 3, 3, 27, 8, 8, 8]) / 60.0  # In an integral: exact for cubics
+QUADRATURE_WEIGHTS = np.array([3, 3, 3, 27, 8, 8, 8]) / 60.0  # exact for cubics
 
 
 @readable
 class MassMoments(NamedTuple):
-    """Of a solid of density 1."""
+    """Moments of a solid of density 1."""
 
-    volume: float  # m3
-    centroid: Floats  # (3,), m
-    second: Floats  # Integral of the coordinates' products about the frame's origin, (3, 3), m5
+    volume: float  # [m3]
+    centroid: Floats  # (3,) [m]
+    second: Floats  # integral of the coordinates' products about the frame's origin, (3, 3) [m5]
 
     def inertia(self) -> Floats:
-        """Inertia (3, 3) about the frame's origin, m5; times the density it is in kg m2."""
+        """Inertia (3, 3) [m5] about the frame's origin; times the density it is in kg m2."""
         return np.asarray(np.trace(self.second) * np.eye(3) - self.second)
 
 
 def superquadric_volume(size: ArrayLike, exponents: ArrayLike) -> float:
-    """Volume of a superquadric, m3: 2 a1 a2 a3 e1 e2 B(e1/2 + 1, e1) B(e2/2, e2/2).
+    """Volume [m3] of a superquadric: 2 a1 a2 a3 e1 e2 B(e1/2 + 1, e1) B(e2/2, e2/2).
 
-    `size` (3,): semi-axes, positive, m. `exponents` (2,): positive; here also those that are too
-    small to be cast, or above 2. Raises ValueError if a semi-axis or an exponent is not positive.
+    `size` (3,): semi-axes, positive [m]. `exponents` (2,): positive; also below and above the range
+    of a `Superquadric`. Raises ValueError if a semi-axis or an exponent is not positive.
     """
     semi_axes = finite_array("size", size, (3,))
     pair = finite_array("exponents", exponents, (2,))
@@ -60,15 +58,15 @@ def superquadric_volume(size: ArrayLike, exponents: ArrayLike) -> float:
 def superquadric_moments(shape: Superquadric, taper: ArrayLike = (0.0, 0.0)) -> MassMoments:
     """Volume, centroid and second moments of a superquadric that may be tapered.
 
-    `shape`: what is tapered. `taper` (2,): widening of x and y at the top: see `Taper`. Raises
-    ValueError if a widening is not between -1 and 1. A section at the share h of the half height is
-    widened by 1 + K h, so that every moment is a polynomial in the widenings. Its coefficients are
-    integrals over h of a power of h times the section's area, or times its square for the moments
-    across. A bend would leave the volume.
+    `shape`: the untapered solid. `taper` (2,): widening of x and y at the top: see `Taper`. Raises
+    ValueError if a widening is not between -1 and 1. A section at the fraction h of the half height
+    is widened by 1 + K h, so that each moment is a polynomial in the widenings. Its coefficients
+    are integrals over h of a power of h times the section's area, or times its square for the
+    moments across. A bend does not change the volume.
     """
     kx, ky = finite_array("taper", taper, (2,)).tolist()
     a, b, c = shape.size.tolist()
-    Taper(kx, ky, c)  # refuses what collapses a section
+    Taper(kx, ky, c)  # raises ValueError if a section collapses
     e1, e2 = shape.exponents.tolist()
     area, across = 4.0 * _ratio(0.5 * e2, 0.5 * e2), 4.0 / 3.0 * _ratio(1.5 * e2, 0.5 * e2)
     wide, deep = np.array([1.0, kx]), np.array([1.0, ky])
@@ -92,10 +90,10 @@ def superquadric_moments(shape: Superquadric, taper: ArrayLike = (0.0, 0.0)) -> 
 
 def _heights(e1: float, power: float, count: int) -> Floats:
     """Integrals over h from -1 to 1 of h^k (1 - |h|^(2/e1))^(e1 power), k below count."""
-    found = np.zeros(count)
+    integrals = np.zeros(count)
     for k in range(0, count, 2):
-        found[k] = 2.0 / (k + 1.0) * _ratio(0.5 * e1 * (k + 1.0), power * e1)
-    return found
+        integrals[k] = 2.0 / (k + 1.0) * _ratio(0.5 * e1 * (k + 1.0), power * e1)
+    return integrals
 
 
 def _ratio(x: float, y: float) -> float:
@@ -107,31 +105,31 @@ def _ratio(x: float, y: float) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SampledSurface:
-    """The surface of a superquadric that may be tapered and bent, ready to be sampled."""
+    """The surface of a superquadric that may be tapered and bent, prepared for sampling."""
 
     shape: Superquadric
-    taper: Floats  # Widening of x and y at the top, (2,)
+    taper: Floats  # widening of x and y at the top, (2,)
     bend: Bend
-    corners: Floats  # Of its facets, (m, 3, 3), before it is tapered, m
-    flat: Floats  # Areas of the facets, (m,), m2
-    heights: Floats  # Distances of their planes from the origin, (m,), m
-    areas: Floats  # Areas of the surface over them, (m,), m2
-    most: float  # Largest ratio of the surface over a place to that over its facet's average place
+    corners: Floats  # of the facets, (m, 3, 3) [m], before the taper
+    flat: Floats  # areas of the facets, (m,) [m2]
+    heights: Floats  # distances of their planes from the origin, (m,) [m]
+    areas: Floats  # areas of the surface over them, (m,) [m2]
+    most: float  # largest ratio of the surface over a place to the mean over its facet
 
     @property
     def area(self) -> float:
-        """Of the surface, m2: to five digits, near sharp edges to two."""
+        """Area of the surface [m2]: to five digits, near sharp edges to two."""
         return float(self.areas.sum())
 
 
 def sampled_surface(
-    shape: Superquadric, taper: Floats = NO_TAPER, bend: Bend = NO_BEND, level: int = LEVEL
+    shape: Superquadric, taper: Floats = NO_TAPER, bend: Bend = NO_BEND, level: int = 4
 ) -> SampledSurface:
     """Prepare the surface of a solid for sampling.
 
-    `shape`: what is tapered and bent. `taper` (2,): widening of x and y at the top: see `Taper`.
-    `bend`: how the tapered solid is bent. `level`: of the mesh whose facets are drawn; the samples
-    are as even with any. Raises ValueError if the taper collapses the solid or the bend folds it.
+    `shape`: the undeformed solid. `taper` (2,): widening of x and y at the top: see `Taper`.
+    `bend`: of the tapered solid. `level`: of the mesh whose facets are drawn, which does not affect
+    the distribution. Raises ValueError if the taper collapses the solid or the bend folds it.
     """
     vertices, faces = shape.mesh(level)
     corners = vertices[faces]
@@ -139,20 +137,25 @@ def sampled_surface(
     twice = np.sqrt(np.einsum("mi,mi->m", normals, normals))
     heights = np.einsum("mi,mi->m", normals, corners[:, 0]) / twice
     bare = SampledSurface(shape, taper, bend, corners, 0.5 * twice, heights, np.zeros(0), 0.0)
-    places = np.einsum("kc,mci->mki", CORNERS_AND_MIDDLES, corners).reshape(-1, 3)
-    bend(_taper(bare)(places))  # refuses what it would fold
-    over = _over(bare, places, np.repeat(heights, len(WEIGHTS))).reshape(-1, len(WEIGHTS))
-    areas = bare.flat * (over @ WEIGHTS)
+    places = np.einsum("kc,mci->mki", QUADRATURE_NODES, corners).reshape(-1, 3)
+    bend(_taper(bare)(places))  # raises ValueError if it folds the solid
+    over = _over(bare, places, np.repeat(heights, len(QUADRATURE_WEIGHTS))).reshape(
+        -1, len(QUADRATURE_WEIGHTS)
+    )
+    areas = bare.flat * (over @ QUADRATURE_WEIGHTS)
     most = float((over.max(axis=1) * bare.flat / areas).max())
     return replace(bare, areas=areas, most=most)
 
 
-def area_samples(surface: SampledSurface, count: int, rng: np.random.Generator) -> Floats:
-    """Places (count, 3) on a surface, m, all equally likely by area and independent.
+def area_samples(
+    surface: SampledSurface, count: int, rng: np.random.Generator, headroom: float = 1.25
+) -> Floats:
+    """Places (count, 3) [m] on a surface, uniform by area and independent.
 
-    `surface`: see `sampled_surface`. `count`: number of places. `rng`: source of the randomness.
+    `surface`: see `sampled_surface`. `rng`: source of the randomness. `headroom`: bound of the
+    density over the largest at the quadrature nodes.
     """
-    line, limit = np.cumsum(surface.areas), HEADROOM * surface.most
+    line, limit = np.cumsum(surface.areas), headroom * surface.most
     kept = [np.zeros((0, 3))]
     while sum(len(part) for part in kept) < count:
         drawn = rng.random((2 * count + 16, 4))
@@ -164,15 +167,15 @@ def area_samples(surface: SampledSurface, count: int, rng: np.random.Generator) 
         over = _over(surface, places, surface.heights[facets])
         crowding = over * surface.flat[facets] / surface.areas[facets]
         places = places[drawn[:, 3] * limit < crowding]
-        thrown = places / surface.shape.gauge(places)[:, None]
-        kept.append(surface.bend(_taper(surface)(thrown)))
+        projected = places / surface.shape.gauge(places)[:, None]
+        kept.append(surface.bend(_taper(surface)(projected)))
     return np.concatenate(kept)[:count]
 
 
 def _over(surface: SampledSurface, places: Floats, heights: Floats) -> Floats:
     """Area of the surface over that of the facet, at places (n, 3) of facets.
 
-    Thrown along radii a patch keeps its solid angle; normals stretch by the Jacobian's cofactors.
+    Projection along radii keeps the solid angle; normals stretch by the Jacobian's cofactors.
     """
     size = surface.shape.size
     gauge, slope = gauge_and_gradient(places / size, surface.shape.exponents)

@@ -3,9 +3,9 @@
 The inside-outside function F of (2.6) is turned into the gauge N = F^(1/2), which is a norm for
 exponents up to 2: N is then convex along every ray, Newton's method from outside is monotone and
 cannot miss, and N' >= 0 outside proves that a ray meets nothing. The gauge is a norm of a norm,
-each worked out from the ratio of its smaller to its larger argument, so that no power can overflow
-and no digits are lost. Of points by two angles, the trigonometric way crowds them where the surface
-turns sharply; the regular one strews them almost evenly.
+each computed from the ratio of its smaller to its larger argument, so that no power overflows and
+no digits are lost. Of points by two angles, the trigonometric ones are dense where the surface is
+curved; the regular ones are almost even.
 """
 
 from __future__ import annotations
@@ -21,22 +21,22 @@ from palpate.core.shapes import ray_casting
 from palpate.core.shapes.protocol import ImplicitShape, Mesh
 from palpate.core.shapes.tessellations import icosphere
 
-LEAST_EXPONENT, LARGEST_EXPONENT = 0.02, 2.0  # Above it the solid is pinched, its gauge no norm
-RANGE_TOLERANCE = 1e-13  # Of the smallest semi-axis: some hundred roundings
-SMALLEST = 1e-300  # Stands for 0 in a logarithm or a divisor
-# Of the gauge: nearer to a coordinate plane, exponents above 1 have unbounded second derivatives,
-# which are taken here instead. They hold over no step that anybody would take.
-RIDGE = 1e-3
+MIN_EXPONENT, MAX_EXPONENT = 0.02, 2.0  # above 2 the solid is pinched, its gauge not a norm
+RANGE_TOLERANCE = 1e-13  # fraction of the smallest semi-axis: some hundred rounding errors
+TINY = 1e-300  # replaces 0 in a logarithm or a divisor
+# Distance from a coordinate plane over the gauge, at which second derivatives of exponents above 1
+# are evaluated at least: nearer they are unbounded.
+MIN_RATIO = 1e-3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Superquadric(ImplicitShape):
     """Superquadric about the origin, upright.
 
-    `size` (3,): semi-axes, m. `exponents` (2,): e1 along z and e2 across, from 0.02 (nearly a box)
+    `size` (3,): semi-axes [m]. `exponents` (2,): e1 along z and e2 across, from 0.02 (nearly a box)
     over 1 (ellipsoid) to 2 (octahedron). Raises ValueError if a semi-axis is not positive or an
     exponent is out of its range. Fung, 1999, (2.1) and (2.6), with powers of absolute values,
-    scaled by the largest coordinate, lest an exponent overflows. The text's F is the gauge squared.
+    scaled by the largest coordinate to avoid overflow. The text's F is the gauge squared.
     """
 
     size: Floats
@@ -47,16 +47,16 @@ class Superquadric(ImplicitShape):
         exponents = finite_array("exponents", self.exponents, (2,))
         if not (size > 0).all():
             raise ValueError(f"size must be positive, got {size.tolist()} m")
-        if not ((exponents >= LEAST_EXPONENT) & (exponents <= LARGEST_EXPONENT)).all():
+        if not ((exponents >= MIN_EXPONENT) & (exponents <= MAX_EXPONENT)).all():
             raise ValueError(
-                f"exponents must lie between {LEAST_EXPONENT} and {LARGEST_EXPONENT}, "
+                f"exponents must lie between {MIN_EXPONENT} and {MAX_EXPONENT}, "
                 f"got {exponents.tolist()}"
             )
         object.__setattr__(self, "size", size)
         object.__setattr__(self, "exponents", exponents)
 
     def bounds(self) -> Floats:
-        """Smallest and largest coordinates, (2, 3), m."""
+        """Smallest and largest coordinates, (2, 3) [m]."""
         return np.stack([-self.size, self.size])
 
     def inside_out(self, points: Floats, directions: Floats) -> tuple[Floats, Floats]:
@@ -105,7 +105,7 @@ class Superquadric(ImplicitShape):
         return ray_casting.ranges_of(starts, ends, roots)
 
     def spans(self, origins: Floats, direction: Floats) -> Floats:
-        """Where parallel rays are inside, (n, 1, 2): see `spans`."""
+        """Spans of parallel rays inside, (n, 1, 2): see `CsgSolid.spans`."""
         return ray_casting.convex_spans(self, origins, direction)
 
     def mesh(self, level: int) -> Mesh:
@@ -115,7 +115,7 @@ class Superquadric(ImplicitShape):
         return Mesh(scaled / self.gauge(scaled)[:, None], faces)
 
     def smoothness(self) -> float:
-        """A number c: outside, the gauge's second derivative is at most c times speed squared.
+        """Bound c: outside, the gauge's second derivative is at most c times speed squared.
 
         Infinite for exponents above 1: the gauge then has creases in the axes' planes. A norm
         composed of powers p, q >= 2 is smooth with the constant max(p, q) - 1: Ball, Carlen and
@@ -140,7 +140,7 @@ def p_norm_along(x: Floats, y: Floats, dx: Floats, dy: Floats, p: float) -> tupl
     """The p-norm l (1 + (s/l)^p)^(1/p) of x and y, not negative, s the smaller, and its slope."""
     first = x >= y
     larger = np.maximum(x, y)
-    ratio = np.minimum(x, y) / (larger + SMALLEST)
+    ratio = np.minimum(x, y) / (larger + TINY)
     weight = ratio ** (p - 1.0)
     total = 1.0 + weight * ratio
     stretch = total ** (1.0 / p)
@@ -149,20 +149,20 @@ def p_norm_along(x: Floats, y: Floats, dx: Floats, dy: Floats, p: float) -> tupl
 
 
 class PNorm(NamedTuple):
-    """(x^p + y^p)^(1/p) with p = 2/e, of numbers that are not negative, and its slopes."""
+    """(x^p + y^p)^(1/p) with p = 2/e, of non-negative numbers, and its slopes."""
 
     value: Floats
     by_x: Floats
     by_y: Floats
     by_exponent: Floats
-    share_x: Floats  # x as a share of the norm
-    share_y: Floats
+    share_x: Floats  # x over the norm
+    share_y: Floats  # y over the norm
 
 
 class PNormCurvature(NamedTuple):
-    """How the slope of a norm along a direction changes."""
+    """Slope of a norm along a direction, and the slope's derivatives."""
 
-    slope: Floats  # Along the direction itself
+    slope: Floats
     by_x: Floats
     by_y: Floats
     by_exponent: Floats
@@ -171,13 +171,13 @@ class PNormCurvature(NamedTuple):
 def p_norm(x: Floats, y: Floats, e: Floats) -> PNorm:
     """The norm of exponent `e`, up to 2; all arguments have a common shape or broadcast to it."""
     p = 2.0 / e
-    larger = np.maximum(np.maximum(x, y), SMALLEST)
+    larger = np.maximum(np.maximum(x, y), TINY)
     ratio = np.minimum(x, y) / larger
     part = ratio**p
     total = 1.0 + part
     value = larger * total ** (1.0 / p)
-    log_part = p * np.log(np.maximum(ratio, SMALLEST))
-    entropy = np.log1p(part) - part / total * log_part  # Half of it, times the norm, is by_exponent
+    log_part = p * np.log(np.maximum(ratio, TINY))
+    entropy = np.log1p(part) - part / total * log_part  # half of it, times the norm, is by_exponent
     share_x, share_y = x / value, y / value
     return PNorm(
         value, share_x ** (p - 1.0), share_y ** (p - 1.0), 0.5 * value * entropy, share_x, share_y
@@ -185,16 +185,16 @@ def p_norm(x: Floats, y: Floats, e: Floats) -> PNorm:
 
 
 def p_norm_curvature(at: PNorm, along_x: Floats, along_y: Floats, e: Floats) -> PNormCurvature:
-    """Second derivatives of a norm, of which one is taken along a direction."""
+    """Second derivatives of a norm, one of them along a direction."""
     p = 2.0 / e
     x, y = at.share_x, at.share_y
     slope = at.by_x * along_x + at.by_y * along_y
-    sharpness = (np.maximum(x, RIDGE) * np.maximum(y, RIDGE)) ** (p - 2.0)
+    sharpness = (np.maximum(x, MIN_RATIO) * np.maximum(y, MIN_RATIO)) ** (p - 2.0)
     turn = (p - 1.0) / at.value * sharpness * (y * along_x - x * along_y)
     half = 0.5 * p * p
     by_exponent = -(p - 1.0) * at.by_exponent / at.value * slope
     for share, part in ((x, at.by_x * along_x), (y, at.by_y * along_y)):
-        by_exponent = by_exponent - half * part * np.log(np.maximum(share, RIDGE**4))
+        by_exponent = by_exponent - half * part * np.log(np.maximum(share, MIN_RATIO**4))
     return PNormCurvature(slope, turn * y, -turn * x, by_exponent)
 
 
@@ -220,11 +220,11 @@ class InsideOutside(NamedTuple):
     """log F and its derivatives."""
 
     value: Floats  # (n,): negative inside, 0 on the surface, positive outside; -1381 at the centre
-    # By the logarithms of the coordinates, (n, 3): between 0 and 2, and 2 in sum, but 0 at the
+    # By the logarithms of the coordinates, (n, 3): between 0 and 2, with the sum 2, but 0 at the
     # centre. By the logarithms of the semi-axes it is the negative.
     by_log: Floats
-    by_place: Floats  # By the scaled coordinates, (n, 3)
-    by_exponents: Floats  # By e1 and e2, (n, 2)
+    by_place: Floats  # by the scaled coordinates, (n, 3)
+    by_exponents: Floats  # by e1 and e2, (n, 2)
 
 
 def inside_outside(scaled: ArrayLike, exponents: ArrayLike) -> InsideOutside:
@@ -235,14 +235,13 @@ def inside_outside(scaled: ArrayLike, exponents: ArrayLike) -> InsideOutside:
     out of its range.
 
     Fung, 1999, (2.6), with powers of absolute values. F is the square of the gauge; the distance
-    along a radius is that from the centre, less its share 1 / sqrt(F). Exponents above 1 put
-    creases into the coordinate planes. On a crease the derivative by the place is the mean of its
-    two sides; it never exceeds twice the reciprocal of the gauge. At the centre, where there is
-    none, all derivatives are 0.
+    along a radius is that from the centre times 1 - 1 / sqrt(F). With exponents above 1 there are
+    creases in the coordinate planes. On a crease the derivative by the place is the mean of its two
+    sides; it never exceeds twice the reciprocal of the gauge. At the centre all derivatives are 0.
     """
     points = finite_array("scaled", scaled, (None, 3))
     pair = finite_array("exponents", exponents, (2,))
-    if not ((pair > 0.0) & (pair <= LARGEST_EXPONENT)).all():
+    if not ((pair > 0.0) & (pair <= MAX_EXPONENT)).all():
         raise ValueError(f"exponents must be above 0 and up to 2, got {pair.tolist()}")
     across, whole, slopes = _nested_norms(points, pair)
     outer, outer_z = _shares(whole)
@@ -250,12 +249,12 @@ def inside_outside(scaled: ArrayLike, exponents: ArrayLike) -> InsideOutside:
     shares = np.stack([outer * inner, outer * inner_y, outer_z], axis=-1)
     by_e2 = outer * across.by_exponent / across.value
     by_e1 = whole.by_exponent / whole.value
-    apart = (np.abs(points).max(axis=1) > SMALLEST)[:, None]
+    off_centre = (np.abs(points).max(axis=1) > TINY)[:, None]
     return InsideOutside(
         2.0 * np.log(whole.value),
-        np.where(apart, 2.0 * shares, 0.0),
-        np.where(apart, 2.0 * np.sign(points) * slopes / whole.value[:, None], 0.0),
-        np.where(apart, 2.0 * np.stack([by_e1, by_e2], axis=-1), 0.0),
+        np.where(off_centre, 2.0 * shares, 0.0),
+        np.where(off_centre, 2.0 * np.sign(points) * slopes / whole.value[:, None], 0.0),
+        np.where(off_centre, 2.0 * np.stack([by_e1, by_e2], axis=-1), 0.0),
     )
 
 
@@ -266,17 +265,17 @@ def _shares(at: PNorm) -> tuple[Floats, Floats]:
 class SurfacePoints(NamedTuple):
     """Points of a surface."""
 
-    points: Floats  # (n, 3), m
-    normals: Floats  # (n, 3): unit normals, outwards
+    points: Floats  # (n, 3) [m]
+    normals: Floats  # (n, 3): outward unit normals
 
 
 def trigonometric_points(shape: Superquadric, eta: ArrayLike, omega: ArrayLike) -> SurfacePoints:
     """Points of (2.1), with powers that keep the sign.
 
-    `shape`: whose surface it is. `eta` and `omega` (n,): angles, rad. Raises ValueError if the
-    angles are not finite or not as many of one as of the other. Normals by Barr, *Superquadrics and
-    angle-preserving transformations*, 1981: the same angles with exponents 2 - e over the
-    semi-axes. They are finite everywhere, poles and seam too.
+    `eta` and `omega` (n,): angles [rad]. Raises ValueError if the angles are not finite, or their
+    numbers differ. Normals by Barr, *Superquadrics and angle-preserving transformations*, 1981: the
+    same angles with exponents 2 - e over the semi-axes. They are finite everywhere, poles and seam
+    too.
     """
     cos_eta, sin_eta, cos_omega, sin_omega = _cosines(eta, omega)
 
@@ -295,7 +294,7 @@ def _power(value: Floats, exponent: float) -> Floats:
 
 
 def regular_points(shape: Superquadric, eta: ArrayLike, omega: ArrayLike) -> SurfacePoints:
-    """Points of (2.4) and (2.5): where the radii of the scaled solid meet its surface.
+    """Points of (2.4) and (2.5), on the radii of the scaled solid.
 
     As `trigonometric_points`; normals across a crease are the mean of its two sides.
     """
@@ -312,7 +311,7 @@ def _cosines(eta: ArrayLike, omega: ArrayLike) -> tuple[Floats, Floats, Floats, 
 
 
 def _exact(value: Floats) -> Floats:
-    """What is 0 but for the rounding of pi: its small powers would be far from 0."""
+    """Values with rounding errors of pi set to 0: their small powers would be far from 0."""
     return np.where(np.abs(value) < 4.0 * np.finfo(float).eps, 0.0, value)
 
 

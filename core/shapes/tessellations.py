@@ -1,9 +1,9 @@
 """Tessellations: nearly even meshes of the sphere, and closed meshes of any implicit solid.
 
-Marching tetrahedra: a grid's cells are each cut into six tetrahedra about a common diagonal (Kuhn,
+Marching tetrahedra: a grid's cells are each cut into six tetrahedra around a common diagonal (Kuhn,
 1960), so that neighbouring cells agree on their common face. A tetrahedron has no ambiguous case:
-the surface that results has no hole, and each of its edges has two faces. Vertices are roots of the
-function on the tetrahedra's edges. Own code: scikit-image's marching cubes interpolates them.
+the surface has no hole, and each of its edges has two faces. Vertices are roots of the function on
+the tetrahedra's edges. Not scikit-image's marching cubes, which interpolates them.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
@@ -19,16 +20,21 @@ from numpy.typing import NDArray
 from palpate.core.arrays import Bools, Floats, Ints
 from palpate.core.shapes.protocol import Mesh
 
-MOST_LEVELS = 8  # 1.3 million faces
-LEAST_CELLS = 16
-MARGINS = (0.0231, 0.0257)  # Of the box, before and after: no plane of symmetry is one of the grid
-ROOT_TOLERANCE = 1e-12  # Of a cell's edge
+MAX_LEVEL = 8  # of an icosphere, with 1.3 million faces
 Longs = NDArray[np.int64]
-InsideOut = Callable[[Floats, Floats], tuple[Floats, Floats]]  # As `ImplicitShape.inside_out`
-MOST_STEPS = 100
-NEWTON_STEPS = 12  # After these the interval is halved: a kink or a flat place is in the way
-# Places (n,), one on each function: values and slopes (n,).
+InsideOut = Callable[[Floats, Floats], tuple[Floats, Floats]]  # as `ImplicitShape.inside_out`
+# Places (n,), one for each function, to values and slopes (n,).
 EdgeFunction = Callable[[Floats], tuple[Floats, Floats]]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class IsosurfaceSettings:
+    """Grid of an isosurface, and the precision of its vertices."""
+
+    min_cells: int = 16  # along the longest side
+    # Fractions of the box before and after it: no plane of symmetry is one of the grid.
+    margins: tuple[float, float] = (0.0231, 0.0257)
+    root_tolerance: float = 1e-12  # fraction of a cell's edge
 
 
 @cache
@@ -38,8 +44,8 @@ def icosphere(level: int) -> tuple[Floats, Ints]:
     Returns `directions` (10 * 4**level + 2, 3): unit vectors; `faces` (20 * 4**level, 3):
     counter-clockwise from outside. Raises ValueError if `level` is not between 0 and 8.
     """
-    if not 0 <= level <= MOST_LEVELS:
-        raise ValueError(f"level must be between 0 and {MOST_LEVELS}, got {level}")
+    if not 0 <= level <= MAX_LEVEL:
+        raise ValueError(f"level must be between 0 and {MAX_LEVEL}, got {level}")
     directions, faces = _split(*icosphere(level - 1)) if level else _icosahedron()
     directions.setflags(write=False)
     faces.setflags(write=False)
@@ -72,9 +78,9 @@ def _icosahedron() -> tuple[Floats, Ints]:
 
 
 def _split(directions: Floats, faces: Ints) -> tuple[Floats, Ints]:
-    """Each face into four; the midpoint of an edge is shared by its two faces."""
+    """Each face split into four; the midpoint of an edge is shared by its two faces."""
     edges = np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
-    # As one number each: pairs take several times as long to be sorted.
+    # One number for each pair: sorting pairs takes several times as long.
     numbers = edges[:, 0].astype(np.int64) * len(directions) + edges[:, 1]
     unique, which = np.unique(numbers, return_inverse=True)
     first, last = np.divmod(unique, len(directions))
@@ -87,50 +93,53 @@ def _split(directions: Floats, faces: Ints) -> tuple[Floats, Ints]:
     return np.concatenate([directions, middle]), split.reshape(-1, 3).astype(np.int32)
 
 
-def isosurface(inside_out: InsideOut, box: Floats, level: int) -> Mesh:
+def isosurface(
+    inside_out: InsideOut,
+    box: Floats,
+    level: int,
+    settings: IsosurfaceSettings = IsosurfaceSettings(),
+) -> Mesh:
     """The surface on which a function is 0, negative inside.
 
-    `box` (2, 3) holds the solid, m; it is cut into 2^level cells along its longest side, at least
-    16. The mesh is closed, turned outwards; parts that are thinner than a cell may be missing.
+    `box` (2, 3): contains the solid [m]; it is cut into 2^level cells along its longest side, at
+    least 16. The mesh is closed and outward; parts thinner than a cell may be missing.
     """
-    cells = max(2**level, LEAST_CELLS)
+    cells, widening = max(2**level, settings.min_cells), 1.0 + sum(settings.margins)
     extent = box[1] - box[0]
-    low = box[0] - MARGINS[0] * extent
-    edge = float(extent.max()) * (1.0 + sum(MARGINS)) / cells
-    shape = np.ceil(extent * (1.0 + sum(MARGINS)) / edge - 1e-9).astype(int) + 1
+    low = box[0] - settings.margins[0] * extent
+    edge = float(extent.max()) * widening / cells
+    shape = np.ceil(extent * widening / edge - 1e-9).astype(int) + 1
     axes = [low[axis] + edge * np.arange(shape[axis]) for axis in range(3)]
-    tetrahedra, within = _crossed(_inside(inside_out, axes))
-    lines, faces = _cut(tetrahedra, within)
+    lines, faces = _cut(*_crossed(_inside(inside_out, axes)))
     ends = np.column_stack(np.unravel_index(lines.ravel(), shape)).reshape(-1, 2, 3)
     first, last = low + edge * ends[:, 0], low + edge * ends[:, 1]  # inside, outside
-    way = first - last
+    edges, count = first - last, len(first)
 
     def along(share: Floats) -> tuple[Floats, Floats]:
-        return inside_out(last + share[:, None] * way, way)
+        return inside_out(last + share[:, None] * edges, edges)
 
-    share = bracketed_roots(along, np.zeros(len(way)), np.ones(len(way)), ROOT_TOLERANCE)
-    return Mesh(last + share[:, None] * way, faces)
+    share = bracketed_roots(along, np.zeros(count), np.ones(count), settings.root_tolerance)
+    return Mesh(last + share[:, None] * edges, faces)
 
 
 def grid_surface(values: Floats, *, level_bottom: bool = False) -> Mesh:
     """The surface on which values (a, b, c) on an even grid are 0, negative inside.
 
-    Vertices in steps of the grid, interpolated. It is closed if no border node is inside; with
-    `level_bottom` those of the lowest layer may be: there it is closed along that layer, exactly.
+    Vertices are in steps of the grid, interpolated. It is closed if no border node is inside; with
+    `level_bottom` nodes of the lowest layer may be: it is closed along that layer, exactly.
     """
     if level_bottom:
         values = np.concatenate([np.full_like(values[..., :1], np.inf), values], axis=2)
-    tetrahedra, within = _crossed(values < 0.0)
-    lines, faces = _cut(tetrahedra, within)
+    lines, faces = _cut(*_crossed(values < 0.0))
     flat = values.ravel()[lines]
     with np.errstate(invalid="ignore"):
         share = flat[:, 0] / (flat[:, 0] - flat[:, 1])  # 0 before an infinite one
-    first, last = (np.column_stack(np.unravel_index(one, values.shape)) for one in lines.T)
+    first, last = (np.column_stack(np.unravel_index(nodes, values.shape)) for nodes in lines.T)
     vertices = first + share[:, None] * (last - first)
     if not level_bottom:
         return Mesh(vertices, faces)
     vertices[:, 2] -= 1.0
-    # All edges down from a node of the lowest layer end in it.
+    # All edges down from a node of the lowest layer end in the same vertex.
     own = np.where(np.isinf(flat[:, 1]), lines[:, 0], -1 - np.arange(len(lines)))
     _, first_of, merged = np.unique(own, return_index=True, return_inverse=True)
     joined = merged[faces].astype(np.int32)
@@ -139,25 +148,25 @@ def grid_surface(values: Floats, *, level_bottom: bool = False) -> Mesh:
 
 
 def _crossed(inside: Bools) -> tuple[Longs, Bools]:
-    """Tetrahedra that the surface may cross: nodes (n, 4), and which of them are inside."""
+    """Tetrahedra that the surface may cross: nodes (n, 4), and which of these are inside."""
     counts = np.array(inside.shape)
     corners = [inside[tuple(slice(o, n - 1 + o) for o, n in zip(offset, counts, strict=True))]
                for offset in itertools.product((0, 1), repeat=3)]  # fmt: skip
-    some, every = np.logical_or.reduce(corners), np.logical_and.reduce(corners)
-    cells = np.column_stack(np.nonzero(some & ~every))
+    some_inside, all_inside = np.logical_or.reduce(corners), np.logical_and.reduce(corners)
+    cells = np.column_stack(np.nonzero(some_inside & ~all_inside))
     strides = np.array([counts[1] * counts[2], counts[2], 1])
     tetrahedra: Longs = ((cells @ strides)[:, None, None] + _kuhn() @ strides).reshape(-1, 4)
     return tetrahedra, inside.ravel()[tetrahedra]
 
 
 def _kuhn() -> Ints:
-    """Corners (6, 4, 3) of the six tetrahedra of a unit cube, all turned alike."""
-    found = []
+    """Corners (6, 4, 3) of the six tetrahedra of a unit cube, with equal orientation."""
+    tetrahedra = []
     for order in itertools.permutations(range(3)):
         corners = np.cumsum([np.zeros(3, int), *np.eye(3, dtype=int)[list(order)]], axis=0)
         odd = np.linalg.det(corners[1:].astype(float)) < 0.0
-        found.append(corners[[0, 2, 1, 3]] if odd else corners)
-    return np.array(found)
+        tetrahedra.append(corners[[0, 2, 1, 3]] if odd else corners)
+    return np.array(tetrahedra)
 
 
 def _inside(inside_out: InsideOut, axes: list[Floats]) -> Bools:
@@ -171,9 +180,9 @@ def _inside(inside_out: InsideOut, axes: list[Floats]) -> Bools:
     return inside
 
 
-def _cut(tetrahedra: Longs, within: Bools) -> tuple[Longs, Ints]:
-    """Edges (m, 2) that the surface crosses, node inside first, and triangles between them."""
-    pattern = within @ np.array([1, 2, 4, 8])
+def _cut(tetrahedra: Longs, inside: Bools) -> tuple[Longs, Ints]:
+    """Edges (m, 2) that the surface crosses, the inner node first, and triangles between them."""
+    pattern = inside @ np.array([1, 2, 4, 8])
     pieces = []
     for mask in range(1, 15):
         nodes = tetrahedra[pattern == mask]
@@ -200,23 +209,32 @@ def _triangles(mask: int) -> list[Ints]:
 
 
 def bracketed_roots(
-    function: EdgeFunction, outside: Floats, inside: Floats, tolerance: float
+    function: EdgeFunction,
+    outside: Floats,
+    inside: Floats,
+    tolerance: float,
+    *,
+    max_steps: int = 100,
+    newton_steps: int = 12,
 ) -> Floats:
-    """A root (n,) of each function between a place where it is positive and one where it is not."""
+    """A root (n,) of each function between a place where it is positive and one where it is not.
+
+    After `newton_steps` intervals are halved: a kink or a flat part prevents convergence.
+    """
     outside, inside = outside.copy(), inside.copy()
     places = 0.5 * (outside + inside)
-    for step in range(MOST_STEPS):
+    for step in range(max_steps):
         value, slope = function(places)
         positive = value > 0.0
         outside, inside = np.where(positive, places, outside), np.where(positive, inside, places)
         with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
             newton = places - value / slope
-        within = (newton - outside) * (newton - inside) <= 0.0
-        if step >= NEWTON_STEPS:
-            within = np.zeros_like(within)
-        after = np.where(within, newton, 0.5 * (outside + inside))
+        is_bracketed = (newton - outside) * (newton - inside) <= 0.0
+        if step >= newton_steps:
+            is_bracketed = np.zeros_like(is_bracketed)
+        after = np.where(is_bracketed, newton, 0.5 * (outside + inside))
         near = np.abs(after - places) <= tolerance
-        places = np.where(within | ~near, after, inside)
+        places = np.where(is_bracketed | ~near, after, inside)
         if near.all():
             break
     return places

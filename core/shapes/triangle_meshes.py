@@ -1,15 +1,16 @@
 """A triangle mesh as a solid, and solids after a deformation of space, which are cast as triangles.
 
-First hits come from Embree or from a z-buffer of our own, for Embree has no wheel for every
-platform. For crossings, whether a ray passes an edge on its left or its right is asked once for
-both faces at the edge, and a ray that meets it is taken to pass beside it (Edelsbrunner and Muecke,
-*Simulation of simplicity*, 1990): no ray slips through between two faces, or counts a corner twice.
-From the facet to the exact deformed surface, if asked, by Newton's method: with the place p in the
-undeformed solid and the way s along the ray, deform(p) = start + s direction and f(p) = 0.
+First hits come from Embree or from a z-buffer, because Embree has no wheel for some platforms. For
+crossings, the side on which a ray passes an edge is decided once for both faces at the edge, and a
+ray that meets it counts as passing beside it (Edelsbrunner and Muecke, *Simulation of simplicity*,
+1990): no ray slips between two faces, or counts a corner twice. Optionally Newton's method leads
+from the facet to the exact deformed surface: with the place p in the undeformed solid and the
+distance s along the ray, deform(p) = start + s direction and f(p) = 0.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cached_property
 from importlib.util import find_spec
 from typing import NamedTuple, Protocol
@@ -22,41 +23,53 @@ from palpate.core.geometry import face_edges, is_closed, is_inside_out
 from palpate.core.poses import axes_along
 from palpate.core.shapes.protocol import INSIDE, MISS, ImplicitShape, Mesh, Shape
 
-HAS_EMBREE = find_spec("embreex") is not None  # False where there is no wheel for this machine
-MOST_LAYERS = 64  # Back faces that a ray goes through on its way to a front face
-NUDGE = 1e-6  # Of the extent: how far behind a back face a ray starts anew; ten single roundings
-EDGE_TOLERANCE = 1e-9  # Of barycentric coordinates: no ray slips between two triangles
-# A range in double precision that differs by more than this share of it, or of the mesh's extent,
-# from Embree's is not believed: the face is seen edge-on.
-SINGLE = 1e-5
-AT_ONCE = 1 << 19  # Pairs of a ray and an edge
-TRIES = 4
-ASIDE = np.array([0.8, 0.6])
-SHIFT = 1e-12  # Of the extent: how far a ray is moved whose sides were rounded to what cannot be
+HAS_EMBREE = find_spec("embreex") is not None  # False without a wheel for this machine
+SHIFT_DIRECTION = np.array([0.8, 0.6])  # of rays that are moved aside
 Longs = NDArray[np.int64]
-CAST_LEVEL = 6  # 82k faces: those of a 0.1 m ball stand off by less than 10 um
-MOST_STEPS = 12
-STEP_TOLERANCE = 1e-8  # Of the solid's size. The step after it would be its square.
-FARTHEST = 0.05  # Of the solid's size: a place that moves farther is on another part of the surface
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LayerSettings:
+    """Rays that continue behind back faces."""
+
+    max_layers: int = 64  # of back faces before a front face
+    # Fraction of the extent at which a ray restarts behind a back face; ten single roundings.
+    restart_offset: float = 1e-6
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PolishSettings:
+    """Newton's method from facets to the exact surface; lengths are fractions of its size."""
+
+    max_steps: int = 12
+    step_tolerance: float = 1e-8  # the next step would be its square
+    max_move: float = 0.05  # a larger one ends on another part of the surface
 
 
 class TriangleShape(Shape):
     """A triangle mesh.
 
-    A mesh that is inside out is turned. A ray that starts inside a closed mesh says so, however far
-    its exit lies. A mesh with holes has no inside: its faces are met from outside alone. `vertices`
-    (n, 3), m. `faces` (m, 3): corners, by number; neighbours turned alike. `embree`: false for the
-    z-buffer, which needs nothing but numpy.
+    A mesh that is inside out is reversed. A ray that starts inside a closed mesh has the range
+    `INSIDE`, at any distance of its exit. A mesh with holes has no inside: its faces are met from
+    outside only. `vertices` (n, 3) [m]. `faces` (m, 3): indices of vertices, consistently oriented.
+    `embree`: false for the z-buffer, which needs numpy only.
     """
 
-    def __init__(self, vertices: Floats, faces: Ints, embree: bool = HAS_EMBREE):
-        self.flipped = is_inside_out(vertices, faces)  # The faces were given inside out
-        self.closed = is_closed(faces)  # The mesh has no holes
+    def __init__(
+        self,
+        vertices: Floats,
+        faces: Ints,
+        embree: bool = HAS_EMBREE,
+        settings: LayerSettings = LayerSettings(),
+    ):
+        self.flipped = is_inside_out(vertices, faces)  # whether the faces were reversed
+        self.closed = is_closed(faces)  # whether the mesh has no holes
         faces = np.ascontiguousarray(faces[:, ::-1]) if self.flipped else faces
         self._mesh = Mesh(vertices, faces)
         a, b, c = vertices[faces].transpose(1, 0, 2)
         self._normals = np.cross(b - a, c - a)
-        self._nudge = NUDGE * float(np.ptp(vertices, axis=0).max())
+        self._restart = settings.restart_offset * float(np.ptp(vertices, axis=0).max())
+        self._max_layers = settings.max_layers
         self._backend = Embree(vertices, faces) if embree else ZBuffer(vertices, faces)
 
     def cast(self, origins: Floats, direction: Floats, reach: float) -> Floats:
@@ -65,25 +78,26 @@ class TriangleShape(Shape):
         return np.where(ranges <= reach, ranges, MISS)
 
     def mesh(self, level: int) -> Mesh:
-        """The mesh itself, turned outwards, whatever the level."""
+        """The mesh itself, outward, at any level."""
         return self._mesh
 
     def first_hits(self, origins: Floats, direction: Floats) -> Hits:
-        """First faces met from outside along parallel rays; `INSIDE` for one that starts there."""
+        """First faces met from outside along parallel rays; `INSIDE` for rays that start inside."""
         hits = self._backend.first_hits(origins, direction)
         behind = np.flatnonzero(self._from_behind(hits, direction))
         if self.closed and len(behind):
-            # A ray along a silhouette may show the back of an edge: look the other way too.
+            # A ray along a silhouette may show the back of an edge: cast backwards too.
             back = self._backend.first_hits(origins[behind], -direction)
             inside = self._from_behind(back, -direction)
             hits.ranges[behind[inside]] = INSIDE
             behind = behind[~inside]
-        for _ in range(MOST_LAYERS):
+        for _ in range(self._max_layers):
             if not len(behind):
                 return hits
-            way = hits.ranges[behind] + self._nudge
-            beyond = self._backend.first_hits(origins[behind] + way[:, None] * direction, direction)
-            hits.ranges[behind] = way + beyond.ranges
+            start = hits.ranges[behind] + self._restart
+            places = origins[behind] + start[:, None] * direction
+            beyond = self._backend.first_hits(places, direction)
+            hits.ranges[behind] = start + beyond.ranges
             hits.faces[behind], hits.weights[behind] = beyond.faces, beyond.weights
             behind = behind[self._from_behind(beyond, direction)]
         hits.ranges[behind], hits.faces[behind] = MISS, -1
@@ -96,22 +110,24 @@ class TriangleShape(Shape):
 class Hits(NamedTuple):
     """First hits of rays."""
 
-    ranges: Floats  # Range, (n,), m; infinite for a ray that meets nothing
-    faces: Ints  # Face, (n,); -1 for a ray that meets nothing
-    weights: Floats  # Weights of the face's second and third corner, (n, 2)
+    ranges: Floats  # (n,) [m]; infinite without a hit
+    faces: Ints  # (n,); -1 without a hit
+    weights: Floats  # of the face's second and third corner, (n, 2)
 
 
 class Embree:
-    """Triangles, ready for rays.
+    """Triangles prepared for rays.
 
-    Embree, in single precision, finds the face; its plane tells the range in double precision.
+    Embree, in single precision, finds the face; the face's plane gives the range in double
+    precision. `rtol`: fraction of Embree's range, or of the mesh's extent, by which it may differ;
+    beyond, the face is seen edge-on, and Embree's range is kept.
     """
 
-    def __init__(self, vertices: Floats, faces: Ints):
+    def __init__(self, vertices: Floats, faces: Ints, rtol: float = 1e-5):
         from embreex.mesh_construction import TriangleMesh
         from embreex.rtcore_scene import EmbreeScene
 
-        corners = vertices[faces]
+        corners, self._rtol = vertices[faces], rtol
         self._places = corners[:, 0]
         self._normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         self._extent = float(np.ptp(vertices, axis=0).max())
@@ -121,26 +137,29 @@ class Embree:
     def first_hits(self, origins: Floats, direction: Floats) -> Hits:
         """First faces along parallel rays, seen from either side."""
         towards = np.broadcast_to(direction.astype(np.float32), origins.shape)
-        found = self._scene.run(
+        result = self._scene.run(
             origins.astype(np.float32), np.ascontiguousarray(towards), query="INTERSECT", output=1
         )
-        faces = np.asarray(found["primID"], np.int32)
-        ranges = np.where(faces >= 0, found["tfar"], np.inf).astype(np.float64)
-        weights = np.column_stack([found["u"], found["v"]]).astype(np.float64)
+        faces = np.asarray(result["primID"], np.int32)
+        ranges = np.where(faces >= 0, result["tfar"], np.inf).astype(np.float64)
+        weights = np.column_stack([result["u"], result["v"]]).astype(np.float64)
         normals = self._normals[faces]
         with np.errstate(divide="ignore", invalid="ignore"):
             heights = np.einsum("ni,ni->n", self._places[faces] - origins, normals)
             exact = heights / (normals @ direction)
-            near = np.abs(exact - ranges) <= SINGLE * (ranges + self._extent)
+            near = np.abs(exact - ranges) <= self._rtol * (ranges + self._extent)
         refined = np.where(near & (faces >= 0), np.maximum(exact, 0.0), ranges)
         return Hits(refined, faces, weights)
 
 
 class ZBuffer:
-    """Triangles, ready to be seen from any direction."""
+    """Triangles prepared for projection along any direction.
 
-    def __init__(self, vertices: Floats, faces: Ints):
-        self._vertices, self._faces = vertices, faces
+    `edge_tolerance`: of barycentric coordinates, so that no ray slips between two triangles.
+    """
+
+    def __init__(self, vertices: Floats, faces: Ints, edge_tolerance: float = 1e-9):
+        self._vertices, self._faces, self._tolerance = vertices, faces, edge_tolerance
 
     def first_hits(self, origins: Floats, direction: Floats) -> Hits:
         """First faces along parallel rays, seen from either side."""
@@ -154,15 +173,15 @@ class ZBuffer:
         count = len(origins)
         if not len(near):
             return Hits(np.full(count, np.inf), np.full(count, -1, np.int32), np.zeros((count, 2)))
-        depth, second, third = _depths(corners[near], rays)
+        depth, second, third = _depths(corners[near], rays, self._tolerance)
         least = np.arange(count), depth.argmin(axis=1)
         ranges = depth[least]
         faces = np.where(np.isfinite(ranges), near[least[1]], -1).astype(np.int32)
         return Hits(ranges, faces, np.column_stack([second[least], third[least]]))
 
 
-def _depths(corners: Floats, rays: Floats) -> tuple[Floats, Floats, Floats]:
-    """Ranges (rays, triangles) from rays to triangles, perhaps infinite; weights of two corners."""
+def _depths(corners: Floats, rays: Floats, tolerance: float) -> tuple[Floats, Floats, Floats]:
+    """Ranges (rays, triangles), infinite without a hit, and weights of two corners."""
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
     area = (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (c[:, 0] - a[:, 0]) * (b[:, 1] - a[:, 1])
     edge_on = area == 0.0
@@ -171,28 +190,39 @@ def _depths(corners: Floats, rays: Floats) -> tuple[Floats, Floats, Floats]:
     of_a = ((b[:, 0] - x) * (c[:, 1] - y) - (c[:, 0] - x) * (b[:, 1] - y)) / area
     of_b = ((c[:, 0] - x) * (a[:, 1] - y) - (a[:, 0] - x) * (c[:, 1] - y)) / area
     of_c = 1.0 - of_a - of_b
-    within = np.minimum(np.minimum(of_a, of_b), of_c) >= -EDGE_TOLERANCE
+    inside = np.minimum(np.minimum(of_a, of_b), of_c) >= -tolerance
     depth = of_a * a[:, 2] + of_b * b[:, 2] + of_c * c[:, 2] - rays[:, 2:]
-    return np.where(within & ~edge_on & (depth >= 0.0), depth, np.inf), of_b, of_c
+    return np.where(inside & ~edge_on & (depth >= 0.0), depth, np.inf), of_b, of_c
 
 
 class CrossedMesh:
-    """A closed mesh, ready to be crossed.
+    """A closed mesh prepared for spans of rays.
 
-    `vertices` (n, 3), m. `faces` (m, 3): counter-clockwise from outside; each edge has two.
+    `vertices` (n, 3) [m]. `faces` (m, 3): counter-clockwise from outside; each edge has two.
+    `shift`: fraction of the extent by which a ray is moved aside whose crossings are inconsistent
+    by rounding. `n_tries`: of these moves. `block`: pairs of ray and edge at once.
     """
 
-    def __init__(self, vertices: Floats, faces: Ints):
+    def __init__(
+        self,
+        vertices: Floats,
+        faces: Ints,
+        *,
+        shift: float = 1e-12,
+        n_tries: int = 4,
+        block: int = 1 << 19,
+    ):
         self._vertices, self._faces = vertices, faces
+        self._shift, self._n_tries, self._block = shift, n_tries, block
         self._edges, self._edge, _ = face_edges(faces)
         self._against = faces > np.roll(faces, -1, axis=1)
         self._extent = float(np.ptp(vertices, axis=0).max())
 
     def spans(self, origins: Floats, direction: Floats) -> Floats:
-        """Where parallel rays from origins (n, 3) are inside: see `spans`."""
+        """Spans inside of parallel rays from origins (n, 3): see `CsgSolid.spans`."""
         axes = axes_along(direction)
         seen, rays = self._vertices @ axes, origins @ axes
-        size = max(AT_ONCE // len(self._edges), 1)
+        size = max(self._block // len(self._edges), 1)
         parts = [self._crossed(seen, rays[i : i + size]) for i in range(0, len(rays), size)]
         if not parts:
             return np.full((0, 1, 2), np.inf)
@@ -204,19 +234,19 @@ class CrossedMesh:
         return np.concatenate(filled)
 
     def _crossed(self, seen: Floats, rays: Floats) -> Floats:
-        """Spans (n, k, 2) of some rays; mesh and rays in axes of which the last is the rays'."""
+        """Spans (n, k, 2) of some rays; mesh and rays are in axes with the rays along the last."""
         rays = rays.copy()
-        for moved in range(TRIES):
+        for number in range(self._n_tries):
             row, place, turn = self._hits(seen, rays)
             wrong = np.bincount(row, turn, len(rays)) != 0.0
             if not wrong.any():
                 break
-            rays[wrong, :2] += (moved + 1) * SHIFT * self._extent * ASIDE
-        keep = ~wrong[row]
-        return _spans_of(row[keep], place[keep], turn[keep], len(rays))
+            rays[wrong, :2] += (number + 1) * self._shift * self._extent * SHIFT_DIRECTION
+        kept = ~wrong[row]
+        return _spans_of(row[kept], place[kept], turn[kept], len(rays))
 
     def _hits(self, seen: Floats, rays: Floats) -> tuple[Longs, Floats, Longs]:
-        """Rays, places on them and turns (1 inwards, -1 outwards) of all crossings, in order."""
+        """Rays, places and turns (1 inwards, -1 outwards) of all crossings, in order."""
         side, left = self._sides(seen, rays)
         left = left[:, self._edge] ^ self._against
         row, face = np.nonzero(left.all(axis=2) | ~left.any(axis=2))
@@ -230,7 +260,7 @@ class CrossedMesh:
         return row[order], place[order], turn[order]
 
     def _sides(self, seen: Floats, rays: Floats) -> tuple[Floats, Bools]:
-        """On which side of each edge each ray passes, (n, e): twice an area, and whether left."""
+        """Side of each edge on which each ray passes, (n, e): twice an area, and whether left."""
         x, y = (seen[None, :, axis] - rays[:, axis, None] for axis in (0, 1))
         first, last = self._edges.T
         side = x[:, first] * y[:, last] - x[:, last] * y[:, first]
@@ -240,7 +270,7 @@ class CrossedMesh:
 
 
 def _spans_of(row: Longs, place: Floats, turn: Longs, count: int) -> Floats:
-    """Spans (n, k, 2) from crossings in order, of which each ray's turns add up to 0."""
+    """Spans (n, k, 2) from sorted crossings, whose turns add up to 0 for each ray."""
     depth = np.cumsum(turn)
     begins = np.flatnonzero((depth > 0) & (depth - turn <= 0))
     ends = np.flatnonzero((depth <= 0) & (depth - turn > 0))
@@ -256,36 +286,44 @@ def _spans_of(row: Longs, place: Floats, turn: Longs, count: int) -> Floats:
 
 
 class Deformation(Protocol):
-    """Moves points of space."""
+    """A map of space."""
 
     def deform(self, points: Floats) -> Floats:
-        """Where points (n, 3) go, m."""
+        """Images (n, 3) [m] of points."""
 
     def deform_with_jacobian(self, points: Floats) -> tuple[Floats, Floats]:
-        """That, and its derivative (n, 3, 3), a column for each of x, y, z."""
+        """Images, and derivatives (n, 3, 3) with a column for each of x, y, z."""
 
 
 class Polished(NamedTuple):
-    """Rays, and how many of them were taken to the exact surface."""
+    """Ranges of rays to the exact surface."""
 
-    ranges: Floats  # Range (n,), as `Shape.cast` gives it
-    met: int  # Rays that meet a facet
-    kept: int  # Those of them that keep the facet's range: their way to the exact surface failed
+    ranges: Floats  # (n,), as of `Shape.cast`
+    met: int  # number of rays that meet a facet
+    kept: int  # number of these with the facet's range, because the exact surface was not reached
 
 
 class DeformedShape:
     """A solid of which every point is moved.
 
-    `base`: what is deformed. `deformation`: how; it must fold nothing. `exact`: whether rays are
-    taken from facets to the exact surface, at six times the cost. Those that miss them still miss.
+    `base`: the undeformed solid. `deformation`: without folds. `exact`: whether rays that meet
+    facets are continued to the exact surface, at six times the cost. `cast_level`: of the facets;
+    82,000 faces of a 0.1 m ball differ from it by less than 10 um.
     """
 
-    def __init__(self, base: ImplicitShape, deformation: Deformation, exact: bool = False):
+    def __init__(
+        self,
+        base: ImplicitShape,
+        deformation: Deformation,
+        exact: bool = False,
+        cast_level: int = 6,
+    ):
         self._base, self._deformation, self._exact = base, deformation, exact
+        self._cast_level = cast_level
 
     @cached_property
     def _undeformed(self) -> Mesh:
-        return self._base.mesh(CAST_LEVEL)
+        return self._base.mesh(self._cast_level)
 
     @cached_property
     def _facets(self) -> Mesh:
@@ -297,7 +335,7 @@ class DeformedShape:
         return TriangleShape(*self._facets)
 
     def bounds(self) -> Floats:
-        """Smallest and largest coordinates of the facets, (2, 3), m."""
+        """Smallest and largest coordinates of the facets, (2, 3) [m]."""
         return self._triangles.bounds()
 
     def cast(self, origins: Floats, direction: Floats, reach: float) -> Floats:
@@ -307,7 +345,7 @@ class DeformedShape:
         return self._triangles.cast(origins, direction, reach)
 
     def cast_exactly(self, origins: Floats, direction: Floats, reach: float) -> Polished:
-        """Rays to the exact surface, beginning at the facets that they meet."""
+        """Ranges to the exact surface, from the facets that the rays meet."""
         hits = self._triangles.first_hits(origins, direction)
         met = np.flatnonzero(np.isfinite(hits.ranges))
         if not len(met):
@@ -324,55 +362,62 @@ class DeformedShape:
         )
         ranges = hits.ranges
         ranges[met[done]] += exact[done]
-        started = met[done & (ranges[met] < 0.0)]  # Between facets and exact surface: inside
+        started = met[done & (ranges[met] < 0.0)]  # start between facets and exact surface: inside
         ranges = np.where(ranges <= reach, ranges, MISS)
         ranges[started] = INSIDE
         return Polished(ranges, len(met), int(np.count_nonzero(~done)))
 
     def mesh(self, level: int) -> Mesh:
         """The base's tessellation, deformed: see `Shape.mesh`."""
-        if level == CAST_LEVEL:
+        if level == self._cast_level:
             return self._facets
         vertices, faces = self._base.mesh(level)
         return Mesh(self._deformation.deform(vertices), faces)
 
 
 def polish(
-    base: ImplicitShape, deformation: Deformation, places: Floats, starts: Floats, direction: Floats
+    base: ImplicitShape,
+    deformation: Deformation,
+    places: Floats,
+    starts: Floats,
+    direction: Floats,
+    settings: PolishSettings = PolishSettings(),
 ) -> tuple[Floats, Bools]:
-    """Ways along parallel rays from near a deformed surface onto it.
+    """Distances along parallel rays from near a deformed surface onto it.
 
-    `places` (n, 3): near the surface of the base; `starts` (n, 3): where they are on the rays,
-    about, m. Returns ways (n,), m, and where they can be believed: the steps vanished, and on all
-    of them the place stayed near and the surface faced the ray.
+    `places` (n, 3): near the surface of the base; `starts` (n, 3): their images, near the rays [m].
+    Returns distances (n,) [m], and whether they converged: the last step is small, and in all steps
+    the place stayed near and the surface faced the ray.
     """
-    low, high = base.enclosure()  # a lattice says nothing of what lies beyond
+    low, high = base.enclosure()  # a lattice has no images beyond
     size = float((high - low).min())
-    ways, first = np.zeros(len(places)), places
+    distances, first = np.zeros(len(places)), places
     lost = np.zeros(len(places), bool)
-    for _ in range(MOST_STEPS):
+    for _ in range(settings.max_steps):
         reached, slopes = deformation.deform_with_jacobian(places)
-        aside, along = _solved(slopes, starts + ways[:, None] * direction - reached, direction)
+        target = starts + distances[:, None] * direction
+        aside, along = _solved(slopes, target - reached, direction)
         value, slope_aside = base.inside_out(places, aside)
         slope = base.inside_out(places, along)[1]
-        with np.errstate(divide="ignore", over="ignore", invalid="ignore"):  # those are lost
-            way = -(value + slope_aside) / slope
-            move = aside + way[:, None] * along
-            step = np.maximum(np.abs(way), np.abs(move).max(axis=1))
-            places, ways = np.clip(places + move, low, high), ways + way
-            moved = np.maximum(np.abs(ways), np.abs(places - first).max(axis=1))
-        lost |= ~((slope < 0.0) & (step < np.inf) & (moved <= FARTHEST * size))
-        places, ways = np.where(lost[:, None], first, places), np.where(lost, 0.0, ways)
-        done = ~lost & (step <= STEP_TOLERANCE * size)
+        with np.errstate(divide="ignore", over="ignore", invalid="ignore"):  # these are lost
+            advance = -(value + slope_aside) / slope
+            move = aside + advance[:, None] * along
+            step = np.maximum(np.abs(advance), np.abs(move).max(axis=1))
+            places, distances = np.clip(places + move, low, high), distances + advance
+            moved = np.maximum(np.abs(distances), np.abs(places - first).max(axis=1))
+        lost |= ~((slope < 0.0) & (step < np.inf) & (moved <= settings.max_move * size))
+        places = np.where(lost[:, None], first, places)
+        distances = np.where(lost, 0.0, distances)
+        done = ~lost & (step <= settings.step_tolerance * size)
         if (done | lost).all():
             break
-    return ways, done
+    return distances, done
 
 
 def _solved(matrices: Floats, first: Floats, second: Floats) -> tuple[Floats, Floats]:
     """Solutions (n, 3) of n systems of three equations for two right-hand sides.
 
-    By Cramer's rule: the matrices are near to rotations, for no part of a solid is flattened.
+    By Cramer's rule: the matrices are near to rotations, because no part of a solid is flattened.
     """
     x, y, z = matrices.transpose(2, 0, 1)
     rows = np.stack([np.cross(y, z), np.cross(z, x), np.cross(x, y)], axis=1)

@@ -1,8 +1,8 @@
-"""Walls within a mesh and sheets on it, told from its outer surface.
+"""Separation of inner walls and sheets of a mesh from its outer surface.
 
-Around every edge the faces are put in order; the space between each and the next is one, so that
-the sides of all faces fall into rooms. What has the same room on both sides, or two that are both
-closed, bounds nothing (Zhou et al., *Mesh arrangements for solid geometry*, 2016, section 4).
+Around each edge the faces are sorted by angle; consecutive faces bound the same room, so that the
+sides of all faces fall into rooms. A face with the same room on both sides, or two closed ones,
+bounds nothing (Zhou et al., *Mesh arrangements for solid geometry*, 2016, section 4).
 """
 
 from __future__ import annotations
@@ -23,26 +23,26 @@ from palpate.core.geometry import (
 )
 
 Indices = NDArray[np.intp]
-ASKEW = np.array([0.36, 0.48, 0.8])  # Direction in which each piece is looked through
+PROBE_DIRECTION = np.array([0.36, 0.48, 0.8])  # of the ray through each piece
 
 
 class OuterSurface(NamedTuple):
-    """The faces of a mesh that have the outside on one side and a closed room on the other."""
+    """The faces of a mesh between the outside and a closed room."""
 
-    faces: Ints  # (k, 3), turned so that the outside is in front of them
-    walls: int  # Faces left out with closed rooms on both sides
-    sheets: int  # Faces left out with the outside on both sides
-    turned: int  # Faces turned
+    faces: Ints  # (k, 3), oriented outwards
+    walls: int  # number of faces left out, with closed rooms on both sides
+    sheets: int  # number of faces left out, with the outside on both sides
+    turned: int  # number of reversed faces
 
 
 def outer_surface(vertices: Floats, faces: Ints) -> OuterSurface:
-    """Part the faces (m, 3) of vertices (n, 3), whose edges may have any number of faces.
+    """Outer surface of faces (m, 3) of vertices (n, 3) with any number of faces at an edge.
 
-    Nothing passes through a hole: an open edge does not join the two sides of its face.
+    Holes do not connect rooms: an open edge does not join the two sides of its face.
     """
     count = len(faces)
-    one, other, piece_links = _room_links(vertices, faces)
-    room = linked_groups(2 * count, one, other)
+    first, second, piece_links = _room_links(vertices, faces)
+    room = linked_groups(2 * count, first, second)
     piece = linked_groups(count, *piece_links)
     outside = np.zeros(2 * count, bool)
     for number in range(int(piece.max()) + 1):
@@ -57,7 +57,7 @@ def outer_surface(vertices: Floats, faces: Ints) -> OuterSurface:
 
 
 def loose_walls(vertices: Floats, faces: Ints, tolerance: float) -> Bools:
-    """Faces (m,) of open pieces that nowhere reach out of the closed ones by over `tolerance`."""
+    """Faces (m,) of open pieces that extend beyond the closed ones by up to `tolerance`."""
     _, _, links = _room_links(vertices, faces)
     piece = linked_groups(len(faces), *links)
     _, edge, counts = face_edges(faces)
@@ -77,7 +77,7 @@ def loose_walls(vertices: Floats, faces: Ints, tolerance: float) -> Bools:
 
 
 def _room_links(vertices: Floats, faces: Ints) -> tuple[Indices, Indices, tuple[Indices, Indices]]:
-    """Pairs of sides in one room, and of faces that share an edge.
+    """Pairs of sides of the same room, and of faces that share an edge.
 
     Side f is the front of face f, side f + m its back.
     """
@@ -94,7 +94,7 @@ def _room_links(vertices: Floats, faces: Ints) -> tuple[Indices, Indices, tuple[
     here, there = order, order[following]
     shared = sizes[edge.reshape(-1)[here]] > 1
     here, there = here[shared], there[shared]
-    # Seen along the edge from its lower corner, a face that walks it so has its front ahead.
+    # A face that passes the edge from its lower corner has its front ahead.
     along = begin == low
     ahead = here // 3 + count * ~along[here]
     behind = there // 3 + count * along[there]
@@ -102,7 +102,7 @@ def _room_links(vertices: Floats, faces: Ints) -> tuple[Indices, Indices, tuple[
 
 
 def _angles(vertices: Floats, low: Indices, high: Indices, third: Ints, edge: Indices) -> Floats:
-    """Angle (3 m,) of each face around its edge from low to high, from the edge's first face on."""
+    """Angle (3 m,) of each face around its edge, directed low to high, from the first face."""
     axis = vertices[high] - vertices[low]
     axis /= np.maximum(np.linalg.norm(axis, axis=1, keepdims=True), np.finfo(float).tiny)
     arm = vertices[third] - vertices[low]
@@ -116,21 +116,21 @@ def _angles(vertices: Floats, low: Indices, high: Indices, third: Ints, edge: In
 
 
 def _outermost_side(vertices: Floats, faces: Ints, piece: Indices) -> int:
-    """A side of a piece that looks to the outside: the last that a ray through it leaves."""
+    """A side of a piece that faces the outside: the last that a ray through it leaves."""
     corners = vertices[faces[piece]]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    slope = normals @ ASKEW
+    slope = normals @ PROBE_DIRECTION
     start = corners[int(np.abs(slope).argmax())].mean(axis=0)
     hit = _are_hit(corners - start, slope)
     height = np.einsum("ni,ni->n", corners[:, 0] - start, normals)
-    way = np.where(hit, height / np.where(hit, slope, 1.0), -np.inf)
-    last = int(way.argmax())
+    places = np.where(hit, height / np.where(hit, slope, 1.0), -np.inf)
+    last = int(places.argmax())
     return int(piece[last]) + len(faces) * bool(slope[last] < 0.0)
 
 
 def _are_hit(corners: Floats, slope: Floats) -> Bools:
-    """Whether the line through the origin along `ASKEW` meets triangles (n, 3, 3)."""
+    """Whether the line through the origin along `PROBE_DIRECTION` meets triangles (n, 3, 3)."""
     following = np.roll(corners, -1, axis=1)
-    turns = np.einsum("nij,j->ni", np.cross(corners, following), ASKEW)
+    turns = np.einsum("nij,j->ni", np.cross(corners, following), PROBE_DIRECTION)
     same = (turns >= 0.0).all(axis=1) | (turns <= 0.0).all(axis=1)
     return np.asarray(same & (slope != 0.0))

@@ -1,12 +1,12 @@
-"""The outside of any triangles: what rays from far away can see, as one closed surface.
+"""The outer surface of any triangles, as seen by rays from far away, as one closed mesh.
 
-Meshes that bound no solid still have an outside. Parallel rays from all around meet it first, from
-whichever side its faces are written; where both sides of a face are seen, through a hole in what it
-bounds, most rays tell which is out. The normals at the hits are the gradient of a function that is
-1 inside and 0 outside, which is found as a solution of Poisson's equation on an even grid
-(Kazhdan, Bolitho and Hoppe, *Poisson surface reconstruction*, 2006); holes and what no ray sees are
-closed as smoothly as may be. The surface at the level of the hits is moved onto the triangles where
-these lie beside it.
+Meshes that bound no solid still have an outside. Parallel rays from all directions meet it first,
+whatever the orientation of its faces; where both sides of a face are seen, through a hole, the
+majority of rays decides which is outside. The normals at the hits are the gradient of a function
+that is 1 inside and 0 outside, which is the solution of Poisson's equation on an even grid
+(Kazhdan, Bolitho and Hoppe, *Poisson surface reconstruction*, 2006); holes and hidden parts are
+closed smoothly. The surface at the level of the hits is moved onto the triangles where they are
+near.
 """
 
 from __future__ import annotations
@@ -32,14 +32,14 @@ from palpate.core.shapes.triangle_meshes import HAS_EMBREE, Embree, ZBuffer
 
 @dataclass(frozen=True, slots=True)
 class WrapSettings:
-    """How finely the outside is taken; a scan takes some 3 s with 80 voxels."""
+    """Resolution of the outer surface; a scan takes some 3 s with 80 voxels."""
 
     n_voxels: int = 80  # along the largest extent
     margin: int = 10  # voxels around it, where the function falls to nothing
     n_directions: int = 32  # of the rays, evenly around
-    smoothing: float = 1.0  # [voxels] of what hits tell
-    max_projection: float = 1.5  # [voxels] from the triangles: vertices as near are moved onto them
-    near_hit: float = 2.5  # [voxels] from a hit: what lies farther closes a hole
+    smoothing: float = 1.0  # [voxels] of the hits' normals
+    max_projection: float = 1.5  # [voxels] of vertices onto the triangles
+    near_hit: float = 2.5  # [voxels] from a hit; the surface farther away closes a hole
     min_part: float = 0.02  # fraction of the largest part's volume: smaller ones are left out
     max_closed_share: float = 0.25  # of the surface, that may close holes
     max_retreats: int = 5  # rounds in which vertices of faces that cross are moved back
@@ -50,10 +50,10 @@ class WrapSettings:
 class WrappedMesh(NamedTuple):
     """A closed surface around triangles."""
 
-    vertices: Floats  # (n, 3), m
+    vertices: Floats  # (n, 3) [m]
     faces: Ints  # (m, 3), outward
-    resolution: float  # edge of a voxel [m]: what is thinner may be lost
-    offset: float  # root mean square distance of what rays met from the surface [m]
+    resolution: float  # [m] edge of a voxel; thinner parts may be lost
+    offset: float  # [m] root mean square distance of the hits from the surface
     closed_share: float  # of the surface, that closes holes or was not seen
     n_left_out: int  # parts that do not touch the largest
 
@@ -63,7 +63,7 @@ def wrap_mesh(
 ) -> WrappedMesh:
     """The outside of triangles (m, 3) of vertices (n, 3) [m], as a closed surface of any genus.
 
-    Raises ValueError, which goes on from the mesh's name, if nothing is enclosed.
+    Raises ValueError, whose message continues the mesh's name, if nothing is enclosed.
     """
     faces = faces[np.unique(np.sort(faces, axis=1), axis=0, return_index=True)[1]]
     used, corners = np.unique(faces, return_inverse=True)
@@ -99,7 +99,7 @@ def wrap_mesh(
 
 
 def _grid_around(vertices: Floats, settings: WrapSettings) -> _Grid:
-    """An even grid that holds the vertices (n, 3) [m] and its margin."""
+    """An even grid that contains the vertices (n, 3) [m], with a margin."""
     step = float(np.ptp(vertices, axis=0).max()) / settings.n_voxels
     counts = np.ceil(np.ptp(vertices, axis=0) / step).astype(int) + 2 * settings.margin + 1
     shape = tuple(int(scipy.fft.next_fast_len(int(count), real=True)) for count in counts)
@@ -107,7 +107,7 @@ def _grid_around(vertices: Floats, settings: WrapSettings) -> _Grid:
 
 
 def _closed_share(corners: Floats, places: Floats, near: float) -> float:
-    """Fraction of triangles (m, 3, 3), by area, that lie farther than this from all hits."""
+    """Fraction of triangles (m, 3, 3), by area, farther than `near` from all hits."""
     areas = areas_and_normals(corners)[0]
     tree = scipy.spatial.cKDTree(places)
     far = np.isinf(tree.query(corners.mean(axis=1), distance_upper_bound=near)[0])
@@ -117,7 +117,7 @@ def _closed_share(corners: Floats, places: Floats, near: float) -> float:
 def _outer_hits(
     vertices: Floats, faces: Ints, step: float, settings: WrapSettings
 ) -> tuple[Floats, Floats]:
-    """Where parallel rays first meet the triangles, and the normals there towards them, (k, 3)."""
+    """First hits (k, 3) of parallel rays on the triangles, and normals there towards the rays."""
     rays = Embree(vertices, faces) if HAS_EMBREE else ZBuffer(vertices, faces)
     units = areas_and_normals(vertices[faces])[1]
     middle = 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))
@@ -150,7 +150,7 @@ class _Grid(NamedTuple):
     shape: tuple[int, ...]
 
     def nearest(self, places: Floats) -> tuple[Ints, ...]:
-        """Numbers along each axis of the nodes that places (k, 3) lie at."""
+        """Indices along each axis of the nodes nearest to places (k, 3)."""
         at = np.round((places - self.low) / self.step).astype(np.int32)
         return tuple(at.T)
 
@@ -161,7 +161,7 @@ class _Grid(NamedTuple):
         return np.asarray(sums.reshape(self.shape), np.float64)
 
     def field(self, places: Floats, vectors: Floats, smoothing: float) -> list[Floats]:
-        """Vectors (k, 3) summed and smoothed, one array an axis."""
+        """Vectors (k, 3) summed and smoothed, one array for each axis."""
         return [
             scipy.ndimage.gaussian_filter(self.summed(places, vectors[:, axis]), smoothing)
             for axis in range(3)
@@ -169,16 +169,16 @@ class _Grid(NamedTuple):
 
 
 def _outward(grid: _Grid, places: Floats, normals: Floats, smoothing: float) -> Bools:
-    """Which hits (k,) lie on the side of their faces that most rays about them have seen."""
+    """Which hits (k,) are on the side of their faces that most rays nearby see."""
     at = grid.nearest(places)
     mean = np.stack([axis[at] for axis in grid.field(places, normals, smoothing)], axis=1)
     return np.asarray((mean * normals).sum(axis=1) > 0.0)
 
 
 def _indicator(grid: _Grid, places: Floats, normals: Floats, smoothing: float) -> Floats:
-    """A function on the grid, negative inside and 0 where the hits are."""
+    """A function on the grid, negative inside and 0 at the hits."""
     density = scipy.ndimage.gaussian_filter(grid.summed(places), smoothing)
-    density *= np.sqrt(2.0 * np.pi) * smoothing  # hits for each square of a voxel's face
+    density *= np.sqrt(2.0 * np.pi) * smoothing  # hits per area of a voxel's face
     at = grid.nearest(places)
     areas = 1.0 / np.maximum(density[at], 1e-6)
     field = grid.field(places, areas[:, None] * normals, smoothing)
@@ -198,7 +198,7 @@ def _indicator(grid: _Grid, places: Floats, normals: Floats, smoothing: float) -
 
 
 def _largest_part(values: Floats, min_part: float) -> tuple[Floats, int]:
-    """The function without hollows and without all parts but the largest; how many it had."""
+    """The function with only the largest part, without hollows; and the number of other parts."""
     border = np.ones(values.shape, np.bool_)
     border[1:-1, 1:-1, 1:-1] = False
     inside = scipy.ndimage.binary_fill_holes((values < 0.0) & ~border)
@@ -207,19 +207,19 @@ def _largest_part(values: Floats, min_part: float) -> tuple[Floats, int]:
     counts[0] = 0
     largest = int(counts.argmax())
     kept = (parts == largest) & (counts[largest] > 0)
-    others = np.delete(counts, largest)
-    n_left_out = int((others >= min_part * counts[largest]).sum())
+    smaller = np.delete(counts, largest)
+    n_left_out = int((smaller >= min_part * counts[largest]).sum())
     return np.where(kept, np.minimum(values, -1e-6), np.maximum(values, 1e-6)), n_left_out
 
 
 def _moved_onto(surface: Floats, corners: Floats, reach: float) -> Floats:
     """Vertices (n, 3) moved onto triangles (m, 3, 3) that lie within a reach [m] of them."""
-    found = nearest_points(nearest_search(corners), surface)
-    return np.where((found.distances < reach)[:, None], found.points, surface)
+    nearest = nearest_points(nearest_search(corners), surface)
+    return np.where((nearest.distances < reach)[:, None], nearest.points, surface)
 
 
 def _simplified(vertices: Floats, faces: Ints, tolerance: float) -> tuple[Floats, Ints] | None:
-    """The surface of fewer faces, within a tolerance [m]; None if it crosses itself then."""
+    """The surface with fewer faces, within a tolerance [m]; None if it would cross itself."""
     solid = as_manifold(vertices, faces)
     if solid is None:
         return None
@@ -228,7 +228,7 @@ def _simplified(vertices: Floats, faces: Ints, tolerance: float) -> tuple[Floats
 
 
 def without_crossings(places: Floats, moved: Floats, faces: Ints, max_rounds: int) -> Floats:
-    """Moved vertices (n, 3), but at their old places where faces (m, 3) would cross."""
+    """Moved vertices (n, 3), reset to their old places where faces (m, 3) would cross."""
     some = faces
     for _ in range(max_rounds):
         crossed = np.unique(some[self_intersection(moved, some).faces])

@@ -3,10 +3,10 @@
 Bases and knots, closed curves through points, Coons patches, and free-form deformation by control
 lattices.
 
-What may be tuned are the choices of the closed curve (`curve_fits`: when to smooth, how many
-control points) and how long a fold is looked for (`lattices`); bases, evaluation and inversion are
-exact, and their constants are tolerances of that. It rests on numpy, scipy's sparse matrices and
-dense factorisations, and `palpate.core.geometry` for one question about polygons.
+Tunable are the choices of the closed curve (`curve_fits`: when to smooth, how many control points)
+and the search for folds (`lattices`); bases, evaluation and inversion are exact up to tolerances.
+It depends on numpy, scipy's sparse matrices and dense factorisations, and `palpate.core.geometry`
+for the self-intersection of polygons.
 """
 
 from palpate.core.splines.bases import (
@@ -25,9 +25,9 @@ from palpate.core.splines.bases import (
     wound_basis as wound_basis,
 )
 from palpate.core.splines.closed_curves import (
-    FLAT_SPREAD as FLAT_SPREAD,
-    LEAST_POINTS as LEAST_POINTS,
+    DEFAULT_CLOSED_CURVE as DEFAULT_CLOSED_CURVE,
     ClosedCurve as ClosedCurve,
+    ClosedCurveSettings as ClosedCurveSettings,
     CurveFlags as CurveFlags,
     closed_curve_of as closed_curve_of,
     fit_closed_curve as fit_closed_curve,
@@ -40,10 +40,11 @@ from palpate.core.splines.coons import (
     hermite_patch as hermite_patch,
 )
 from palpate.core.splines.curve_fits import (
-    LEAST_SMOOTHING as LEAST_SMOOTHING,
-    UNEVEN_GAP_RATIO as UNEVEN_GAP_RATIO,
+    DEFAULT_CURVE_FIT as DEFAULT_CURVE_FIT,
+    ChordSettings as ChordSettings,
     ClosedPoints as ClosedPoints,
     CurveFit as CurveFit,
+    CurveFitSettings as CurveFitSettings,
     Modes as Modes,
     are_even_chords as are_even_chords,
     choose_closed_fit as choose_closed_fit,

@@ -1,10 +1,10 @@
 """B-spline bases on an interval or around a circle, and their tensor products.
 
-A basis of `count` functions of degree p has ``count + p + 1`` knots; it is whole on its domain,
-from the knot p to the knot `count`. Values come from the triangular scheme of Cox and de Boor,
-which divides by no distance but those of knots on either side of the place, so that nothing is 0/0
-however often knots repeat. Own code: scipy's gives no derivatives in matrix form. Tensor products
-are evaluated by scipy's NdBSpline at scattered places, and axis by axis on grids.
+A basis of `count` functions of degree p has ``count + p + 1`` knots; its functions sum to 1 on the
+domain, from knot p to knot `count`. Values come from the triangular scheme of Cox and de Boor,
+which divides only by distances of knots on either side of the place, so that repeated knots never
+give 0/0. Not scipy's: it gives no derivatives in matrix form. Tensor products are evaluated by
+scipy's NdBSpline at scattered places, and axis by axis on grids.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ from palpate.reprs import readable
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-ROUNDING = 64 * float(np.finfo(float).eps)  # Of the largest parameter: taken to the end
+ROUNDING = 64 * float(np.finfo(float).eps)  # of the largest parameter; clipped to the domain
 CUBIC = 3
-Orders = tuple[int, ...]  # Order of the derivative along each axis
-FEW = 256  # Places of which the functions are kept
+MAX_CACHED_PLACES = 256  # of one evaluation
+Orders = tuple[int, ...]  # order of the derivative along each axis
 
 
 @readable
@@ -35,7 +35,7 @@ class Basis:
     """The B-splines of a knot vector.
 
     `knots` (count + degree + 1,): not falling; a knot may occur up to ``degree + 1`` times.
-    `degree`: at least 1. Raises ValueError if the knots are not like that, or leave no domain.
+    `degree`: at least 1. Raises ValueError if the knots are otherwise, or leave no domain.
     """
 
     knots: Floats
@@ -46,12 +46,12 @@ class Basis:
 
     @property
     def count(self) -> int:
-        """Functions, and thus coefficients."""
+        """Number of functions and of coefficients."""
         return len(self.knots) - self.degree - 1
 
     @property
     def domain(self) -> tuple[float, float]:
-        """Where the functions sum to 1."""
+        """Interval on which the functions sum to 1."""
         return float(self.knots[self.degree]), float(self.knots[self.count])
 
     def greville(self) -> Floats:
@@ -59,7 +59,7 @@ class Basis:
         return _averages(self.knots[1:-1], self.degree)
 
     def breaks(self) -> Floats:
-        """The different knots of the domain: between two of them functions are polynomials."""
+        """Distinct knots of the domain: between two of them functions are polynomials."""
         return np.unique(np.clip(self.knots, *self.domain))
 
     def nonzero(self, x: Floats, derivatives: int = 0) -> LocalBasis:
@@ -70,8 +70,8 @@ class Basis:
         if derivatives < 0:
             raise ValueError(f"derivatives must be 0 or more, got {derivatives}")
         places = finite_array("x", x, (None,))
-        if len(places) <= FEW:
-            return _kept_basis(self.knots.tobytes(), self.degree, places.tobytes(), derivatives)
+        if len(places) <= MAX_CACHED_PLACES:
+            return _cached_basis(self.knots.tobytes(), self.degree, places.tobytes(), derivatives)
         inside = clip_to_domain(places, self.domain)
         return local_basis(self.knots, self.degree, inside, derivatives)
 
@@ -85,19 +85,19 @@ class Basis:
 
 
 @lru_cache(maxsize=256)
-def _kept_basis(knots: bytes, degree: int, x: bytes, derivatives: int) -> LocalBasis:
-    """The same of few places: grids are laid over the same ones again and again; read-only."""
-    known = np.frombuffer(knots)
-    domain = float(known[degree]), float(known[len(known) - degree - 1])
+def _cached_basis(knots: bytes, degree: int, x: bytes, derivatives: int) -> LocalBasis:
+    """Read-only result of `local_basis` at few places: grids repeat the same ones."""
+    values = np.frombuffer(knots)
+    domain = float(values[degree]), float(values[len(values) - degree - 1])
     inside = clip_to_domain(np.frombuffer(x), domain)
-    found = local_basis(known, degree, inside, derivatives)
-    for one in found:
-        one.setflags(write=False)
-    return found
+    result = local_basis(values, degree, inside, derivatives)
+    for array in result:
+        array.setflags(write=False)
+    return result
 
 
 def check_knots(knots: Floats, degree: int) -> Floats:
-    """A knot vector of a basis, as a read-only copy, or ValueError: what is wrong with it."""
+    """Read-only copy of a knot vector; ValueError if it is none of a basis."""
     _check_degree(degree)
     checked = finite_array("knots", knots, (None,)).copy()
     if len(checked) < 2 * degree + 2:
@@ -124,8 +124,8 @@ def local_basis(knots: Floats, degree: int, x: Floats, derivatives: int) -> Loca
     """Values and derivatives at places (m,) in the domain; at a knot, the limit from the right.
 
     De Boor, *A practical guide to splines*, 1978, chapter X. The derivative of order d raises
-    functions of ``degree - d`` by differences, one degree at a time: Fung, 1999, (3.25) with its
-    indices put right; (3.27) divides by zero at the highest order.
+    functions of ``degree - d`` by differences, one degree at a time: Fung, 1999, (3.25) with
+    corrected indices; (3.27) divides by zero at the highest order.
     """
     count = len(knots) - degree - 1
     last = int(np.searchsorted(knots, knots[count], side="left")) - 1
@@ -148,18 +148,18 @@ def _raise_value(lower: Floats, near: Floats, degree: int, x: Floats) -> Floats:
     q = len(lower)
     left, right = near[degree - q : degree], near[degree : degree + q]
     share = lower / (right - left)
-    return _overlaid(share * (right - x), share * (x - left))
+    return _summed_parts(share * (right - x), share * (x - left))
 
 
 def _differentiate(lower: Floats, near: Floats, degree: int) -> Floats:
     """Derivatives (degree + 1, m) from values of a lower degree: one order for each degree."""
     for q in range(len(lower), degree + 1):
         share = q * lower / (near[degree : degree + q] - near[degree - q : degree])
-        lower = _overlaid(-share, share)
+        lower = _summed_parts(-share, share)
     return lower
 
 
-def _overlaid(falling: Floats, rising: Floats) -> Floats:
+def _summed_parts(falling: Floats, rising: Floats) -> Floats:
     """Parts (q, m) of neighbouring functions, summed: (q + 1, m)."""
     raised = np.zeros((len(falling) + 1, falling.shape[1]))
     raised[:-1] = falling
@@ -172,18 +172,18 @@ def _overlaid(falling: Floats, rising: Floats) -> Floats:
 class PeriodicBasis:
     """The B-splines of uniform knots around a circle, whose turn is 1.
 
-    `count`: functions; more than the `degree`, which is at least 1, or ValueError is raised.
+    `count`: functions. Raises ValueError unless it is larger than the `degree`, at least 1.
     """
 
     count: int
     degree: int = CUBIC
-    _wound: Basis = field(init=False, repr=False)  # One turn and its first functions again
+    _wound: Basis = field(init=False, repr=False)  # one turn, and its first functions repeated
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "_wound", wound_basis(self.count, self.degree))
 
     def greville(self) -> Floats:
-        """Places (count,) that belong to the coefficients, in turns; the first may be below 0."""
+        """Greville abscissae (count,) in turns; the first may be below 0."""
         return self._wound.greville()[: self.count]
 
     def nonzero(self, x: Floats, derivatives: int = 0) -> LocalBasis:
@@ -200,13 +200,13 @@ class PeriodicBasis:
         Raises ValueError as `nonzero` does.
         """
         local = self.nonzero(x, derivative)
-        # The columns that hang over the seam are those at the beginning.
+        # Columns beyond the seam are those at the beginning.
         return _rows(local, derivative, local.columns() % self.count, self.count)
 
 
 @lru_cache(maxsize=64)
 def wound_basis(count: int, degree: int = CUBIC) -> Basis:
-    """One turn of the functions around a circle, and its first ones again; errors as of those."""
+    """One turn of the functions around a circle, and its first ones repeated."""
     return Basis(periodic_knots(count, degree), degree)
 
 
@@ -215,8 +215,8 @@ def _rows(local: LocalBasis, derivative: int, columns: Ints, count: int) -> csr_
 
 
 def sparse_rows(values: Floats, columns: NDArray[np.integer], count: int) -> csr_array:
-    """A sparse matrix (m, count) of as many values (m, k) in each row, at their columns (m, k)."""
-    from scipy.sparse import csr_array  # Slow to import, and not wanted to evaluate a spline
+    """Sparse matrix (m, count) with values (m, k) at columns (m, k) of each row."""
+    from scipy.sparse import csr_array  # slow to import, and not needed for evaluation
 
     starts = np.arange(0, columns.size + 1, columns.shape[1])
     return csr_array((values.ravel(), columns.ravel(), starts), shape=(len(columns), count))
@@ -239,13 +239,13 @@ def clamped_knots(count: int, degree: int = CUBIC) -> Floats:
 
 
 class LocalBasis(NamedTuple):
-    """The functions that do not vanish at some places."""
+    """Functions that do not vanish at some places."""
 
-    first: Ints  # Number of the first of them, (m,)
+    first: Ints  # index of the first of them, (m,)
     values: Floats  # (derivatives + 1, m, degree + 1): values, first derivatives and so on
 
     def columns(self) -> Ints:
-        """Numbers of all of them, (m, degree + 1)."""
+        """Indices of all of them, (m, degree + 1)."""
         steps = np.arange(self.values.shape[2], dtype=np.int32)
         return self.first[:, None] + steps
 
@@ -253,8 +253,8 @@ class LocalBasis(NamedTuple):
 def periodic_knots(count: int, degree: int = CUBIC) -> Floats:
     """Uniform knots of a closed curve of `count` control points, one turn being 1.
 
-    The first `degree` control points come again at the end: ``count + 2 degree + 1`` knots. Raises
-    ValueError if there are not more coefficients than the degree.
+    The first `degree` control points are repeated at the end: ``count + 2 degree + 1`` knots.
+    Raises ValueError if there are not more coefficients than the degree.
     """
     _check_count(count, degree)
     return np.arange(-degree, count + degree + 1) / count
@@ -302,7 +302,7 @@ def evaluate_scattered(
     (len(orders), m, c). Raises ValueError if shapes do not fit, a number is not finite, a parameter
     lies outside the domain by more than rounding, or an order is negative.
     """
-    from scipy.interpolate import NdBSpline  # Slow to import, and not wanted to evaluate on a grid
+    from scipy.interpolate import NdBSpline  # slow to import, and not needed on a grid
 
     places = finite_array("at", at, (None, len(bases)))
     control = _checked(bases, control, orders)
@@ -312,8 +312,8 @@ def evaluate_scattered(
         tuple(basis.knots for basis in bases), control, tuple(basis.degree for basis in bases)
     )
     result = np.empty((len(orders), len(inside), control.shape[-1]))
-    for found, order in zip(result, orders, strict=True):
-        found[:] = spline(inside, nu=order) if len(inside) else 0.0
+    for values, order in zip(result, orders, strict=True):
+        values[:] = spline(inside, nu=order) if len(inside) else 0.0
     return result
 
 
@@ -333,7 +333,7 @@ def evaluate_grid(
         local, flat = basis.nonzero(x, order), values.reshape(basis.count, -1)
         reaching = zip(local.values[order].T, local.columns().T, strict=True)
         rows = sum(weights[:, None] * flat[columns] for weights, columns in reaching)
-        # The axis that is done goes to the end; after the last one the components are first.
+        # The evaluated axis goes to the end; after the last one the components are first.
         values = np.reshape(rows, (len(x), *values.shape[1:]))
         values = np.moveaxis(values, 0, -1)
     return np.ascontiguousarray(np.moveaxis(values, 0, -1))
@@ -348,19 +348,19 @@ def _checked(bases: Sequence[Basis], control: Floats, orders: Sequence[Orders]) 
 
 
 class Interpolant(NamedTuple):
-    """A spline that takes given values."""
+    """A spline that interpolates values."""
 
-    control: Floats  # Coefficients (count_1, ..., count_d, c), in the unit of the values
-    condition: float  # Condition number of the whole system: the product of those along the axes
+    control: Floats  # coefficients (count_1, ..., count_d, c), in the unit of the values
+    condition: float  # number of the system: the product of those along the axes
 
 
 def interpolate_grid(
     bases: Sequence[Basis], sites: Sequence[Floats], values: Floats
 ) -> Interpolant:
-    """The spline that takes given values on a grid.
+    """The spline that interpolates values on a grid.
 
     Raises ValueError if there are not sites for each basis, as many as it has functions, the values
-    (n_1, ..., n_d, c) do not fit them or are not finite, or sites determine no spline.
+    (n_1, ..., n_d, c) have another shape or are not finite, or the sites determine no spline.
     """
     if len(sites) != len(bases):
         raise ValueError(f"sites must be given for {len(bases)} axes, got {len(sites)}")
@@ -382,7 +382,7 @@ def interpolate_grid(
 
 
 def is_interpolable(basis: Basis, sites: Floats) -> bool:
-    """Whether exactly one spline takes given values at given sites (n,).
+    """Whether values at sites (n,) determine exactly one spline.
 
     Schoenberg and Whitney, 1953: as many as functions, rising, each where its own does not vanish.
     """
@@ -411,7 +411,7 @@ def insert_knots(basis: Basis, control: Floats, new: Floats, axis: int = 0) -> t
         basis = Basis(np.insert(knots, place, knot), degree)
         i = np.arange(basis.count)
         start, end = (knots[np.minimum(i + step, len(knots) - 1)] for step in (0, degree))
-        with np.errstate(divide="ignore", invalid="ignore"):  # those are not taken
+        with np.errstate(divide="ignore", invalid="ignore"):  # these are not used
             share = (knot - start) / (end - start)
         share = np.where(i + degree < place, 1.0, np.where(i >= place, 0.0, share))
         share = share.reshape(-1, *(1,) * (control.ndim - 1))
@@ -421,9 +421,9 @@ def insert_knots(basis: Basis, control: Floats, new: Floats, axis: int = 0) -> t
 
 
 def clip_to_domain(x: Floats, domain: tuple[float, float]) -> Floats:
-    """Places (m,) in a domain; those outside by no more than rounding are taken to its ends.
+    """Places (m,) clipped to a domain, if they are outside by no more than rounding.
 
-    Raises ValueError if one lies farther outside: how many do, and the worst of them.
+    Raises ValueError if one lies farther outside, with their number and the worst of them.
     """
     low, high = domain
     rounding = ROUNDING * max(abs(low), abs(high))
@@ -439,7 +439,7 @@ def clip_to_domain(x: Floats, domain: tuple[float, float]) -> Floats:
 
 def bending_along(basis: Basis, order: int = 2) -> Floats:
     """Root (r, count) of the integral of a spline's squared derivative of an order, 1 or 2."""
-    nodes, weights = np.polynomial.legendre.leggauss(2)  # Exact for squared second derivatives
+    nodes, weights = np.polynomial.legendre.leggauss(2)  # exact for squared second derivatives
     breaks = np.unique(basis.knots)
     half = 0.5 * np.diff(breaks)
     places = ((breaks[:-1] + half)[:, None] + half[:, None] * nodes).ravel()
@@ -450,7 +450,7 @@ def bending_along(basis: Basis, order: int = 2) -> Floats:
 def bending_around(count: int) -> Floats:
     """Root (count, count) of the bending of a closed curve, beyond that of an ellipse.
 
-    Constants and the first harmonic cost nothing: a smoothed circle keeps its size.
+    Constants and the first harmonic have no bending: a smoothed circle keeps its size.
     """
     unit = np.eye(count)
     before, after = np.roll(unit, 1, axis=1), np.roll(unit, -1, axis=1)

@@ -1,10 +1,9 @@
-"""Coons patches: a surface from the curves around it, and closed surfaces from traced contours.
+"""Coons patches: a surface from its boundary curves, and closed surfaces from traced contours.
 
 Two lofts between opposite curves, less the surface that both have in common: Coons, *Surfaces for
 computer-aided design of space forms*, 1967; Farin, *Curves and surfaces for CAGD*, 5th ed., 2002,
-chapter 22. What Fung, 1999, (1.3), prints as a Coons patch is only the last of the three parts,
-and that with C(0, 1) in the place of C(1, 0). Curves are rows of points at given parameters, so
-that a patch passes through all of them exactly, whatever lies between.
+chapter 22. The Coons patch of Fung, 1999, (1.3), is only the last of the three parts, with C(0, 1)
+in place of C(1, 0). Curves are rows of points at parameters, and a patch interpolates all of them.
 """
 
 from __future__ import annotations
@@ -19,24 +18,24 @@ from palpate.core.geometry import area_centroid, azimuth_match, signed_area
 
 
 class Slopes(NamedTuple):
-    """How fast a patch leaves its four curves inwards or onwards: the way of u and v."""
+    """Derivatives of a patch across its four curves [m]."""
 
-    low: Floats  # Derivatives by v at v = 0, (n, 3), m
-    high: Floats  # At v = 1, (n, 3), m
-    left: Floats  # Derivatives by u at u = 0, (m, 3), m
-    right: Floats  # At u = 1, (m, 3), m
-    twists: Floats = np.zeros((2, 2, 3))  # Derivatives by both at the corners, v before u, m
+    low: Floats  # by v at v = 0, (n, 3)
+    high: Floats  # by v at v = 1, (n, 3)
+    left: Floats  # by u at u = 0, (m, 3)
+    right: Floats  # by u at u = 1, (m, 3)
+    twists: Floats = np.zeros((2, 2, 3))  # by both at the corners, v before u
 
 
 def coons_patch(low: ArrayLike, high: ArrayLike, left: ArrayLike, right: ArrayLike) -> Floats:
-    """The bilinearly blended patch, (m, n, 3), m.
+    """The bilinearly blended patch, (m, n, 3) [m].
 
     `low` and `high` (n, 3): the curves v = 0 and v = 1 at even u; `left` and `right` (m, 3): the
-    curves u = 0 and u = 1 at even v, m. Raises ValueError if curves are not finite, have fewer than
-    2 points, or do not meet at a corner.
+    curves u = 0 and u = 1 at even v [m]. Raises ValueError if curves are not finite, have fewer
+    than 2 points, or do not meet at a corner.
     """
     rows, columns = _checked(low, high, left, right)
-    v, u = (np.linspace(0.0, 1.0, len(one[0])) for one in (columns, rows))
+    v, u = (np.linspace(0.0, 1.0, len(curves[0])) for curves in (columns, rows))
     along, across = np.stack([1.0 - v, v], axis=1), np.stack([1.0 - u, u], axis=1)
     return _boolean_sum(along, rows, across, columns, rows[:, [0, -1]])
 
@@ -44,7 +43,7 @@ def coons_patch(low: ArrayLike, high: ArrayLike, left: ArrayLike, right: ArrayLi
 def hermite_patch(
     low: ArrayLike, high: ArrayLike, left: ArrayLike, right: ArrayLike, slopes: Slopes
 ) -> Floats:
-    """The bicubically blended patch, (m, n, 3), m: it has the slopes across its curves as well.
+    """The bicubically blended patch, (m, n, 3) [m], with slopes across its curves.
 
     Curves are as of `coons_patch`. Patches join smoothly where they have curve and slopes across it
     in common; the slopes at corners must be the curves' own there, and twists theirs. Raises
@@ -62,11 +61,14 @@ def hermite_patch(
 
 
 def _checked(
-    low: ArrayLike, high: ArrayLike, left: ArrayLike, right: ArrayLike
+    low: ArrayLike, high: ArrayLike, left: ArrayLike, right: ArrayLike, max_gap: float = 1e-9
 ) -> tuple[Floats, Floats]:
-    """Curves (2, n, 3) along u and (2, m, 3) along v that meet at all corners."""
-    given = {"low": low, "high": high, "left": left, "right": right}
-    curves = {name: finite_array(name, one, (None, 3)) for name, one in given.items()}
+    """Curves (2, n, 3) along u and (2, m, 3) along v that meet at all corners.
+
+    `max_gap`: at the corners, fraction of the curves' size.
+    """
+    sides = {"low": low, "high": high, "left": left, "right": right}
+    curves = {name: finite_array(name, curve, (None, 3)) for name, curve in sides.items()}
     for name, other in (("low", "high"), ("left", "right")):
         counts = len(curves[name]), len(curves[other])
         if counts[0] != counts[1] or counts[0] < 2:
@@ -77,7 +79,7 @@ def _checked(
         ("high", "left", 0, -1), ("high", "right", -1, -1),
     ):  # fmt: skip
         gap = float(np.linalg.norm(curves[name][end] - curves[other][start]))
-        if gap > 1e-9 * size:
+        if gap > max_gap * size:
             raise ValueError(f"{name} and {other} must meet at a corner, but are {gap:g} m apart")
     return np.stack([curves["low"], curves["high"]]), np.stack([curves["left"], curves["right"]])
 
@@ -101,34 +103,34 @@ def _hermite(t: Floats) -> Floats:
 def coons_surface(
     contours: list[Floats], meridians: int, *, rows: int = 8, columns: int = 4
 ) -> Floats:
-    """Points (r, c, 3) of a smooth surface through closed contours, m: each row a ring.
+    """Points (r, c, 3) [m] of a smooth surface through closed contours: each row is a ring.
 
-    `contours`: at least 3, each (n_i, 3) in order around the z axis, upwards, m; they may begin
-    anywhere and run either way. `meridians`: places of equal azimuth at which curves join them.
-    `rows` and `columns`: of points of each patch between neighbours. Rings run counter-clockwise
-    seen from above, as `palpate.core.geometry.close_rings` takes them. A meridian's tangents are
-    those of the parabola through three neighbours over their chords (Overhauser, 1968); across the
-    contours patches have them in common. So the error between contours falls with the third power
-    of their distance, and where they are evenly spaced with the fourth. Raises ValueError if there
-    are too few contours or meridians, or a contour is not finite or encloses nothing.
+    `contours`: at least 3, each (n_i, 3) in order around the z axis, upwards [m], from any first
+    point in either direction. `meridians`: number of azimuths at which curves join them. `rows` and
+    `columns`: of points of each patch between neighbours. Rings run counter-clockwise seen from
+    above, as `palpate.core.geometry.close_rings` takes them. A meridian's tangents are those of the
+    parabola through three neighbours over their chords (Overhauser, 1968); patches on both sides of
+    a contour share them. So the error between contours falls with the third power of their
+    distance, and where they are evenly spaced with the fourth. Raises ValueError if there are too
+    few contours or meridians, or a contour is not finite or encloses nothing.
     """
     if len(contours) < 3 or meridians < 3:
         got = f"got {len(contours)} and {meridians}"
         raise ValueError(f"a surface needs 3 contours and 3 meridians at least, {got}")
     count = meridians * columns
-    rings = np.stack([_resampled(one, i, count) for i, one in enumerate(contours)])
+    rings = np.stack([_resampled(contour, i, count) for i, contour in enumerate(contours)])
     chords = np.linalg.norm(np.diff(rings, axis=0), axis=2)
     tangents = _tangents(rings, chords)
-    round_about = 0.5 * columns * (np.roll(rings, -1, axis=1) - np.roll(rings, 1, axis=1))
+    contour_tangents = 0.5 * columns * (np.roll(rings, -1, axis=1) - np.roll(rings, 1, axis=1))
     bands = []
     for i in range(len(rings) - 1):
         two = slice(i, i + 2)
         rises = tangents[two] * chords[i, :, None]
         patches = [
-            _patch(rings[two], rises, round_about[two], columns, rows, first)
+            _patch(rings[two], rises, contour_tangents[two], columns, rows, first)
             for first in range(0, count, columns)
         ]
-        bands.append(np.concatenate([one[:-1, :-1] for one in patches], axis=1))
+        bands.append(np.concatenate([patch[:-1, :-1] for patch in patches], axis=1))
     return np.concatenate([*bands, rings[-1:]])
 
 
@@ -159,7 +161,7 @@ def _tangents(rings: Floats, chords: Floats) -> Floats:
 
 
 def _patch(
-    rings: Floats, rises: Floats, round_about: Floats, columns: int, rows: int, first: int
+    rings: Floats, rises: Floats, contour_tangents: Floats, columns: int, rows: int, first: int
 ) -> Floats:
     """One patch (rows + 1, columns + 1, 3) between two contours and two meridians."""
     here = np.arange(first, first + columns + 1) % rings.shape[1]
@@ -167,7 +169,7 @@ def _patch(
     v = _hermite(np.linspace(0.0, 1.0, rows + 1))
     sides = np.einsum("mk,kjc->jmc", v, np.concatenate([rings[:, ends], rises[:, ends]]))
     twists = 0.5 * columns * (np.roll(rises, -1, axis=1) - np.roll(rises, 1, axis=1))[:, ends]
-    # How the patch leaves its meridians: as contours and tangents turn on from there.
-    away = np.einsum("mk,kjc->jmc", v, np.concatenate([round_about[:, ends], twists]))
+    # Derivatives across the meridians: those of contours and tangents along the contours.
+    away = np.einsum("mk,kjc->jmc", v, np.concatenate([contour_tangents[:, ends], twists]))
     slopes = Slopes(rises[0, here], rises[1, here], away[0], away[1], twists)
     return hermite_patch(rings[0, here], rings[1, here], sides[0], sides[1], slopes)

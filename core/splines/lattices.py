@@ -1,10 +1,10 @@
-"""Free-form deformation: what stands in a control lattice moves as its control points do.
+"""Free-form deformation: objects in a control lattice move with its control points.
 
-A point keeps its parameters: those that it has in the undeformed lattice are put into the deformed
+A point keeps its parameters: its parameters in the undeformed lattice are evaluated in the deformed
 one. Over a parallelepiped with control points at the Greville abscissae they are the point's
-coordinates along the edges, and the displacement of the control points from there is all that
-deforms. Lattices are made over a box, layer by layer, or by pulling points to targets; a report
-proves that one folds nothing, or shows where it does.
+coordinates along the edges, and only displaced control points deform. Lattices are made over a box,
+layer by layer, or by pulling points to targets; a report proves that one has no folds, or shows
+where it has.
 """
 
 from __future__ import annotations
@@ -23,15 +23,16 @@ from palpate.core.splines.bases import CUBIC, clamped_basis
 from palpate.core.splines.inversion import invert_points
 from palpate.reprs import readable
 
-LEAST_STRETCH = 1e-9  # Of the largest: what is squeezed more counts as squeezed by that much
-SIDE = 4  # Control points across a layer, each way: the fewest that a cubic basis takes
-LEAST_CHANGE = 0.005  # Of its volume: the least to which a part of the box may shrink
-ACROSS, ALONG = 5, 257  # Places at which that is looked at, across the box each way and along it
-NEGLIGIBLE = 1e-10  # Of the largest singular value: what moves the points less is left out
-FOLD_SAMPLES = 25  # Along each axis, in the middle of equal steps, if no points are given
-FOLD_ROUNDS = 4  # How often undecided pieces are halved
-MOST_NUMBERS = 1 << 22  # Coefficients of pieces that are halved: more would take too much room
 FoldVerdict = Literal["sound", "folded", "undecided"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FoldSettings:
+    """Search for folds of a lattice."""
+
+    n_samples: int = 25  # along each axis, in the middle of equal steps, if there are no points
+    max_halvings: int = 4  # of undecided pieces
+    max_coefficients: int = 1 << 22  # of halved pieces, to limit memory
 
 
 @readable
@@ -39,9 +40,9 @@ FoldVerdict = Literal["sound", "folded", "undecided"]
 class Lattice:
     """A control lattice.
 
-    `volume`: the deformed solid. `undeformed`: what it was: a parallelepiped with control points at
-    the Greville abscissae, or control points anywhere, by which lattices of any shape can stand
-    side by side (Coquillart, *Extended free-form deformation*, 1990) or at even steps (Fung, 1999,
+    `volume`: the deformed solid. `undeformed`: its original: a parallelepiped with control points
+    at the Greville abscissae, or control points anywhere, by which lattices of any shape can be
+    joined (Coquillart, *Extended free-form deformation*, 1990) or at even steps (Fung, 1999,
     (2.19)). Fung, 1999, section 2.4. Points outside, by more than rounding, are refused.
     """
 
@@ -50,7 +51,7 @@ class Lattice:
 
     @property
     def control(self) -> Floats:
-        """Control points (l, m, n, 3) along s, t, u, m."""
+        """Control points (l, m, n, 3) along s, t, u [m]."""
         return self.volume.control
 
     def with_control(self, control: Floats, weights: Floats | None = None) -> Lattice:
@@ -65,23 +66,23 @@ class Lattice:
     def local(self, points: Floats) -> Floats:
         """Parameters s, t, u (n, 3) of points (n, 3) in the undeformed lattice.
 
-        Raises ValueError if points are not finite or lie outside: how many, and the worst of them.
+        Raises ValueError if points are not finite or lie outside, with their number and the worst.
         """
         points = finite_array("points", points, (None, 3))
         if isinstance(self.undeformed, spline_volumes.SplineVolume):
-            found = invert_points(self.undeformed, points)
-            _refuse(points, np.where(found.converged, 0.0, found.residual), "m")
-            return found.parameters
+            inversion = invert_points(self.undeformed, points)
+            _check_inside(points, np.where(inversion.converged, 0.0, inversion.residual), "m")
+            return inversion.parameters
         local = self.undeformed.local(points)
         clipped: Floats = np.clip(local, 0.0, 1.0)
         if (clipped != local).any():
             beyond = np.abs(local - clipped).max(axis=1)
             beyond[beyond <= self.undeformed.rounding(points)] = 0.0
-            _refuse(points, beyond, "of an edge")
+            _check_inside(points, beyond, "of an edge")
         return clipped
 
     def deform(self, points: Floats) -> Floats:
-        """Where points (n, 3) of the undeformed lattice go, m.
+        """Deformed points (n, 3) [m] of points in the undeformed lattice.
 
         Raises ValueError if points lie outside, here and below.
         """
@@ -90,13 +91,13 @@ class Lattice:
     def jacobian(self, points: Floats) -> Floats:
         """Derivative of `deform` at points (n, 3): (n, 3, 3), a column for each of x, y, z.
 
-        Where an undeformed lattice without parallelepiped is itself squeezed flat, directions that
-        it does not span count as held.
+        Where an undeformed lattice without parallelepiped is itself flat, directions that it does
+        not span do not move.
         """
         return self.deform_with_jacobian(points)[1]
 
     def deform_with_jacobian(self, points: Floats) -> tuple[Floats, Floats]:
-        """What `deform` and `jacobian` give, for little more than one of them costs."""
+        """Results of `deform` and `jacobian` together, at the cost of one of them."""
         local = self.local(points)
         moved, slopes = self.volume.first(local)
         if isinstance(self.undeformed, spline_volumes.Parallelepiped):
@@ -110,10 +111,10 @@ class Lattice:
 
     @property
     def relative(self) -> spline_volumes.SplineVolume:
-        """The deformed volume in such units that its slopes' determinant is the change of volume.
+        """The deformed volume in units in which its slopes' determinant is the change of volume.
 
-        Against the mean of the undeformed lattice where that is no parallelepiped; against 1 where
-        it is squeezed flat.
+        Relative to the mean of the undeformed lattice where that is no parallelepiped; to 1 where
+        it is flat.
         """
         if isinstance(self.undeformed, spline_volumes.Parallelepiped):
             local = self.undeformed.local(self.control)
@@ -129,14 +130,14 @@ class Lattice:
     def change_on_grid(self, s: Floats, t: Floats, u: Floats) -> Floats:
         """Local change of volume on a grid of parameters (a,), (b,), (c,): (a, b, c).
 
-        Against the mean of the undeformed lattice where that is no parallelepiped.
+        Relative to the mean of the undeformed lattice where that is no parallelepiped.
         """
         return spline_volumes.slope_determinant(self.relative, s, t, u)
 
     def deform_normals(self, points: Floats, normals: Floats) -> Floats:
         """Unit normals (n, 3) of a deformed surface, from normals (n, 3) at points (n, 3).
 
-        Outwards stays outwards. They are finite where the lattice is squeezed flat, too. Raises
+        Outward normals stay outward. They are finite where the lattice is flat, too. Raises
         ValueError if points lie outside, or a normal has no direction.
         """
         normals = finite_array("normals", normals, (len(points), 3))
@@ -147,8 +148,8 @@ class Lattice:
     def deform_mesh(self, vertices: Floats, faces: Ints) -> tuple[Floats, Ints]:
         """Vertices (n, 3) and triangles (m, 3) of a deformed surface.
 
-        The triangles are turned round if the lattice mirrors, so that a closed surface keeps its
-        outside. Raises ValueError if vertices lie outside, or a triangle has not three of them.
+        The triangles are reversed if the lattice mirrors, so that a closed surface keeps its
+        outside. Raises ValueError if vertices lie outside, or a triangle has other vertices.
         """
         vertices, faces = finite_array("vertices", vertices, (None, 3)), np.asarray(faces)
         if faces.shape[1:] != (3,):
@@ -161,7 +162,8 @@ class Lattice:
         return moved, faces[:, ::-1] if mirrored else faces
 
 
-def _refuse(points: Floats, beyond: Floats, unit: str) -> None:
+def _check_inside(points: Floats, beyond: Floats, unit: str) -> None:
+    """Raise ValueError if points (n, 3) are outside, by distances (n,), 0 inside."""
     if beyond.any():
         worst = int(beyond.argmax())
         x, y, z = points[worst]
@@ -171,12 +173,12 @@ def _refuse(points: Floats, beyond: Floats, unit: str) -> None:
         )
 
 
-def deformed_normals(slopes: Floats, normals: Floats) -> Floats:
+def deformed_normals(slopes: Floats, normals: Floats, min_stretch: float = 1e-9) -> Floats:
     """Unit normals (n, 3) after a deformation with derivatives (n, 3, 3).
 
-    A normal follows the cofactors of the derivative, which need no inverse, with the sign of the
-    determinant, so that what pointed outwards still does after a reflection. Where the derivative
-    squeezes it to nothing, the limit of squeezing a little less is given.
+    A normal is transformed by the cofactors of the derivative, which need no inverse, with the sign
+    of the determinant, so that it stays outward after a reflection. Where the cofactors vanish, the
+    limit of small stretches is returned. `min_stretch`: over the largest; smaller ones are raised.
     """
     size = np.abs(slopes).max(axis=(1, 2), keepdims=True)
     slopes = slopes / np.where(size > 0.0, size, 1.0)
@@ -185,10 +187,10 @@ def deformed_normals(slopes: Floats, normals: Floats) -> Floats:
     volume = np.einsum("ni,ni->n", cofactors[:, :, 0], x)
     turned = np.where(volume < 0.0, -1.0, 1.0)[:, None] * (cofactors @ normals[:, :, None])[:, :, 0]
     length = np.linalg.norm(turned, axis=1)
-    lost = ~(length > LEAST_STRETCH * np.linalg.norm(normals, axis=1))
+    lost = ~(length > min_stretch * np.linalg.norm(normals, axis=1))
     if lost.any():
         left, stretch, right = np.linalg.svd(slopes[lost])
-        least = np.maximum(LEAST_STRETCH * stretch[:, :1], np.finfo(float).tiny)
+        least = np.maximum(min_stretch * stretch[:, :1], np.finfo(float).tiny)
         along = (right @ normals[lost][:, :, None])[:, :, 0] * (least / np.maximum(stretch, least))
         squeezed = (left @ along[:, :, None])[:, :, 0]
         turned[lost] = squeezed / np.abs(squeezed).max(axis=1, keepdims=True)
@@ -210,7 +212,7 @@ def box_lattice(
 ) -> Lattice:
     """An undeformed lattice over an upright box, with clamped uniform knots.
 
-    `low` (3,): smallest coordinates, m. `extent` (3,): edge lengths, m. `counts`: control points
+    `low` (3,): smallest coordinates [m]. `extent` (3,): edge lengths [m]. `counts`: control points
     along x, y and z. `degree`: of all three bases; one less than a count makes them Bernstein
     polynomials there. Raises ValueError if a length is not positive, or a count not larger than the
     degree.
@@ -222,20 +224,20 @@ def box_lattice(
 
 @readable
 class LatticeLayer(NamedTuple):
-    """What happens to one layer of control points."""
+    """Deformation of one layer of control points."""
 
-    scale: float = 1.0  # Widens it about the z axis
-    turn: float = 0.0  # Turns it about the z axis, rad
-    shift: tuple[float, float] = (0.0, 0.0)  # Moves it along x and y, m
+    scale: float = 1.0  # about the z axis
+    turn: float = 0.0  # [rad] about the z axis
+    shift: tuple[float, float] = (0.0, 0.0)  # [m] along x and y
 
 
 def layered_lattice(box: Floats, layers: Sequence[LatticeLayer]) -> Lattice:
     """A control lattice over a box, each layer scaled, turned, then shifted.
 
-    `box` (2, 3): smallest and largest coordinates, m. `layers`: from the bottom to the top; at
+    `box` (2, 3): smallest and largest coordinates [m]. `layers`: from the bottom to the top; at
     least 4.
     """
-    lattice = box_lattice(box[0], box[1] - box[0], (SIDE, SIDE, len(layers)))
+    lattice = box_lattice(box[0], box[1] - box[0], (CUBIC + 1, CUBIC + 1, len(layers)))
     control = lattice.control.copy()
     for number, layer in enumerate(layers):
         cosine, sine = math.cos(layer.turn), math.sin(layer.turn)
@@ -245,32 +247,38 @@ def layered_lattice(box: Floats, layers: Sequence[LatticeLayer]) -> Lattice:
     return lattice.with_control(control)
 
 
-def folded_share(lattice: Lattice) -> float:
-    """Share of a lattice's box that is turned inside out or squeezed flat, 0 for a sound one."""
-    across, along = np.linspace(0.0, 1.0, ACROSS), np.linspace(0.0, 1.0, ALONG)
+def folded_share(
+    lattice: Lattice, *, min_change: float = 0.005, n_across: int = 5, n_along: int = 257
+) -> float:
+    """Fraction of a lattice's box that is turned inside out or nearly flat, 0 for a sound one.
+
+    `min_change`: of the volume, to which a part of the box may shrink. `n_across`, `n_along`:
+    samples along x and y, and along z.
+    """
+    across, along = np.linspace(0.0, 1.0, n_across), np.linspace(0.0, 1.0, n_along)
     change = lattice.change_on_grid(across, across, along)
-    return float((change <= LEAST_CHANGE).mean())
+    return float((change <= min_change).mean())
 
 
 class Pulled(NamedTuple):
-    """A lattice after its points were pulled."""
+    """A lattice after its points were pulled to targets."""
 
-    lattice: Lattice  # With its control points moved
-    # How far each point stays from its target, (n,), m: more than rounding where targets contradict
-    # each other, as for one point pulled two ways.
+    lattice: Lattice  # with moved control points
+    # Distance of each point from its target, (n,) [m]: not 0 where targets contradict each other,
+    # as for one point with two targets.
     residual: Floats
-    rank: int  # Independent points: fewer than there are where some follow from others
-    condition: float  # Of those: largest over smallest singular value used; 1 without points
+    rank: int  # number of independent points
+    condition: float  # largest over smallest singular value used; 1 without points
 
 
-def pull_points(lattice: Lattice, points: Floats, targets: Floats) -> Pulled:
+def pull_points(lattice: Lattice, points: Floats, targets: Floats, rcond: float = 1e-10) -> Pulled:
     """Move points of a lattice to targets by the least change of its control points.
 
-    `lattice`: with or without weights, which stay. `points` (n, 3): points of the undeformed
-    lattice, m. `targets` (n, 3): where they shall be after the deformation, m. Raises ValueError if
-    shapes differ, something is not finite, or points lie outside the lattice. Hsu, Hughes and
-    Kaufman, *Direct manipulation of free-form deformations*, 1992: the pseudo-inverse of the shares
-    that control points have in points, by singular values.
+    `lattice`: with or without weights, which stay. `points` (n, 3): in the undeformed lattice [m].
+    `targets` (n, 3): their places after the deformation [m]. `rcond`: singular values below this
+    fraction of the largest are left out. Raises ValueError if shapes differ, values are not finite,
+    or points lie outside the lattice. Hsu, Hughes and Kaufman, *Direct manipulation of free-form
+    deformations*, 1992: the pseudo-inverse of the control points' weights in the points.
     """
     points = finite_array("points", points, (None, 3))
     targets = finite_array("targets", targets, (len(points), 3))
@@ -280,7 +288,7 @@ def pull_points(lattice: Lattice, points: Floats, targets: Floats) -> Pulled:
     shares = lattice.volume.shares(local)
     touched = np.unique(shares.indices)
     left, values, right = np.linalg.svd(shares[:, touched].toarray(), full_matrices=False)
-    rank = int(np.count_nonzero(values > NEGLIGIBLE * values[0]))
+    rank = int(np.count_nonzero(values > rcond * values[0]))
     offset = targets - lattice.volume.at(local)
     change = right[:rank].T @ ((left[:, :rank].T @ offset) / values[:rank, None])
     control = lattice.control.reshape(-1, 3).copy()
@@ -291,26 +299,29 @@ def pull_points(lattice: Lattice, points: Floats, targets: Floats) -> Pulled:
 
 
 class FoldReport(NamedTuple):
-    """What is known of a lattice's folds. Changes of volume are 1 where nothing is deformed."""
+    """Folds of a lattice. Changes of volume are 1 where nothing is deformed."""
 
-    verdict: FoldVerdict  # ``sound`` and ``folded`` are certain but for rounding, everywhere
-    share: float  # Share of the samples at which space is turned inside out or squeezed flat
-    least: float  # Least change of volume that was met
-    where: Floats  # Parameters (3,) at which it was
+    verdict: (
+        FoldVerdict  # ``sound`` and ``folded`` are proved for the whole lattice, up to rounding
+    )
+    share: float  # fraction of the samples at which space is inside out or flat
+    least: float  # change of volume, of all that were evaluated
+    where: Floats  # parameters (3,) of the least change
 
 
-def fold_report(lattice: Lattice, points: Floats | None = None) -> FoldReport:
-    """Look for folds, and prove that there are none if that can be done.
+def fold_report(
+    lattice: Lattice, points: Floats | None = None, settings: FoldSettings = FoldSettings()
+) -> FoldReport:
+    """Search for folds, and prove that there are none if possible.
 
-    `lattice`: any. `points` (n, 3): where the share is taken, m; evenly over the lattice if left
-    out. Raises ValueError if points lie outside the lattice. The determinant's coefficients over
-    Bernstein polynomials enclose it (Gain and Dodgson, *Preventing self-intersection under
-    free-form deformation*, 2001, bound it more loosely); pieces for which they have both signs are
-    halved, and given up as undecided in the end. What is judged is the deformed volume: an
-    undeformed one is taken to be sound.
+    `points` (n, 3): samples of the share [m]; None: evenly over the lattice. Raises ValueError if
+    points lie outside the lattice. The determinant's coefficients over Bernstein polynomials
+    enclose it (Gain and Dodgson, *Preventing self-intersection under free-form deformation*, 2001,
+    bound it more loosely); pieces for which they have both signs are halved, and are undecided in
+    the end. Only the deformed volume is tested: the undeformed one is assumed to be sound.
     """
     if points is None:
-        steps = (np.arange(FOLD_SAMPLES) + 0.5) / FOLD_SAMPLES
+        steps = (np.arange(settings.n_samples) + 0.5) / settings.n_samples
         change = lattice.change_on_grid(steps, steps, steps)
         grid = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), axis=-1)
         change, places = change.ravel(), grid.reshape(-1, 3)
@@ -319,19 +330,19 @@ def fold_report(lattice: Lattice, points: Floats | None = None) -> FoldReport:
     least, where = np.inf, np.full(3, 0.5)
     if len(change):
         least, where = float(change.min()), places[change.argmin()]
-    verdict, corner = _judge(lattice)
+    verdict, corner = _prove(lattice, settings)
     there = float(lattice.change_on_grid(*corner[:, None])[0, 0, 0])
-    if there < least:  # seen by none of the samples
+    if there < least:  # not at a sample
         least, where = there, corner
     share = float((change <= 0.0).mean()) if len(change) else 0.0
     return FoldReport(verdict, share, least, where)
 
 
-def _judge(lattice: Lattice) -> tuple[FoldVerdict, Floats]:
-    """The verdict, and the corner (3,) of a piece at which the determinant is least."""
+def _prove(lattice: Lattice, settings: FoldSettings) -> tuple[FoldVerdict, Floats]:
+    """Verdict, and the corner (3,) of a piece with the least determinant."""
     undecided, deepest, where = False, np.inf, np.full(3, 0.5)
     for pieces in spline_volumes.determinant_pieces(lattice.relative):
-        for number in range(FOLD_ROUNDS + 1):
+        for number in range(settings.max_halvings + 1):
             corner, place = _least_corner(pieces)
             if corner < deepest:
                 deepest, where = corner, place
@@ -342,9 +353,10 @@ def _judge(lattice: Lattice) -> tuple[FoldVerdict, Floats]:
             pieces = spline_volumes.BernsteinPieces(low, width, coefficients, pieces.rounding)
             if not len(pieces.low):
                 break
-            # Halving makes no coefficient larger: what rounding hides stays hidden.
+            # Halving makes no coefficient larger: those within rounding stay there.
             hidden = np.abs(pieces.coefficients).max() <= pieces.rounding
-            if hidden or number == FOLD_ROUNDS or pieces.coefficients.size > MOST_NUMBERS:
+            too_many = pieces.coefficients.size > settings.max_coefficients
+            if hidden or number == settings.max_halvings or too_many:
                 undecided = True
                 break
             pieces = spline_volumes.subdivide(pieces)
@@ -352,7 +364,7 @@ def _judge(lattice: Lattice) -> tuple[FoldVerdict, Floats]:
 
 
 def _least_corner(pieces: spline_volumes.BernsteinPieces) -> tuple[float, Floats]:
-    """Corner coefficients are values: the least of them, and where."""
+    """Least corner coefficient, which is a value of the determinant, and its place."""
     ends = np.ix_(range(len(pieces.low)), [0, -1], [0, -1], [0, -1])
     corners = pieces.coefficients[ends]
     piece, *corner = np.unravel_index(corners.argmin(), corners.shape)

@@ -1,9 +1,9 @@
 """Spline volumes: space as a polynomial or rational (NURBS) spline of three parameters.
 
-The parallelepiped in which an undeformed one stands, its points and slopes, and the determinant of
-its slopes. That is a polynomial between the knots; its coefficients over the Bernstein polynomials
+Its points and slopes, the parallelepiped of an undeformed one, and the determinant of its slopes.
+The determinant is a polynomial between the knots; its coefficients over the Bernstein polynomials
 enclose it, and halving a piece draws them closer. So they can prove that nothing folds, where
-samples can only fail to find a fold.
+samples can only find no fold.
 """
 
 from __future__ import annotations
@@ -41,11 +41,10 @@ SECOND_ORDERS: tuple[Orders, ...] = (
     (0, 1, 1),
     (0, 0, 2),
 )
-PAIRS = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])  # Second derivatives by pairs of axes
-SAFETY = 16 * float(np.finfo(float).eps)  # Rounding of a coefficient
-MEAN_STEPS = 12  # Along each axis, over which a determinant is averaged
-LEAST_RELATIVE_VOLUME = 1e-12  # Over the edges' lengths, below which a parallelepiped is flat
-Bases = tuple[Basis, Basis, Basis]  # Along s, t and u
+PAIR_INDICES = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])  # second derivatives by pairs of axes
+COEFFICIENT_ROUNDING = 16 * float(np.finfo(float).eps)  # relative
+MIN_RELATIVE_VOLUME = 1e-12  # over the edges' lengths; smaller is flat
+Bases = tuple[Basis, Basis, Basis]  # along s, t and u
 
 
 @readable
@@ -53,16 +52,16 @@ Bases = tuple[Basis, Basis, Basis]  # Along s, t and u
 class SplineVolume:
     """A spline solid over parameters s, t, u between 0 and 1.
 
-    `control` (l, m, n, 3): control points along s, t, u, m. `bases`: one for each axis, with as
+    `control` (l, m, n, 3): control points along s, t, u [m]. `bases`: one for each axis, with as
     many functions as there are control points, over [0, 1]. `weights` (l, m, n): of the control
-    points; without them all are alike. Raises ValueError if shapes do not fit, something is not
-    finite, or a weight is not positive. Fung, 1999, (2.20), (2.22), and (2.24), (2.25).
+    points; None: all equal. Raises ValueError if shapes do not fit, values are not finite, or a
+    weight is not positive. Fung, 1999, (2.20), (2.22), and (2.24), (2.25).
     """
 
     control: Floats
     bases: Bases
     weights: Floats | None = None
-    spline: Floats = field(init=False, repr=False)  # Control points, or (l, m, n, 4)
+    spline: Floats = field(init=False, repr=False)  # control points, or (l, m, n, 4) with weights
 
     def __post_init__(self) -> None:
         if len(self.bases) != 3:
@@ -87,7 +86,7 @@ class SplineVolume:
         object.__setattr__(self, "spline", spline)
 
     def at(self, parameters: Floats) -> Floats:
-        """Points (n, 3) at parameters (n, 3), m.
+        """Points (n, 3) [m] at parameters (n, 3).
 
         Raises ValueError if parameters are not finite (n, 3), or lie outside 0 to 1 by more than
         rounding, here and below.
@@ -96,7 +95,7 @@ class SplineVolume:
         return value if self.weights is None else value[:, :3] / value[:, 3:]
 
     def first(self, parameters: Floats) -> tuple[Floats, Floats]:
-        """Points (n, 3), m, and slopes (n, 3, 3): a column for each of s, t, u."""
+        """Points (n, 3) [m] and slopes (n, 3, 3): a column for each of s, t, u."""
         value, *slopes = evaluate_scattered(self.bases, self.spline, parameters, FIRST_ORDERS)
         slope = np.stack(slopes, axis=-1)
         if self.weights is None:
@@ -106,9 +105,9 @@ class SplineVolume:
 
     def second(self, parameters: Floats) -> tuple[Floats, Floats, Floats]:
         """Points, slopes, and second derivatives (n, 3, 3, 3): component, axis, axis."""
-        found = evaluate_scattered(self.bases, self.spline, parameters, SECOND_ORDERS)
-        value, slope = found[0], np.stack(list(found[1:4]), axis=-1)
-        bend = found[4:][PAIRS].transpose(2, 3, 0, 1)
+        derivatives = evaluate_scattered(self.bases, self.spline, parameters, SECOND_ORDERS)
+        value, slope = derivatives[0], np.stack(list(derivatives[1:4]), axis=-1)
+        bend = derivatives[4:][PAIR_INDICES].transpose(2, 3, 0, 1)
         if self.weights is None:
             return value, slope, bend
         points, weight = value[:, :3] / value[:, 3:], value[:, 3]
@@ -119,21 +118,21 @@ class SplineVolume:
         return points, slopes, bend / weight[:, None, None, None]
 
     def grid(self, s: Floats, t: Floats, u: Floats) -> Floats:
-        """Points (a, b, c, 3) on a grid of parameters (a,), (b,), (c,), m."""
+        """Points (a, b, c, 3) [m] on a grid of parameters (a,), (b,), (c,)."""
         value = evaluate_grid(self.bases, self.spline, (s, t, u))
         return value if self.weights is None else value[..., :3] / value[..., 3:]
 
     def shares(self, parameters: Floats) -> csr_array:
-        """What share each control point has in the points: sparse (n, l m n), rows sum to 1."""
+        """Weights of the control points in the points: sparse (n, l m n), rows sum to 1."""
         parameters = finite_array("parameters", parameters, (None, 3))
         n = len(parameters)
         columns = np.zeros((n, 1), np.int64)
         values = np.ones((n, 1))
         for axis, basis in enumerate(self.bases):
             local = basis.nonzero(parameters[:, axis])
-            wide = n, columns.shape[1] * (basis.degree + 1)
-            columns = (columns[:, :, None] * basis.count + local.columns()[:, None]).reshape(wide)
-            values = (values[:, :, None] * local.values[0][:, None]).reshape(wide)
+            shape = n, columns.shape[1] * (basis.degree + 1)
+            columns = (columns[:, :, None] * basis.count + local.columns()[:, None]).reshape(shape)
+            values = (values[:, :, None] * local.values[0][:, None]).reshape(shape)
         if self.weights is not None:
             values = values * self.weights.ravel()[columns]
             values = values / values.sum(axis=1, keepdims=True)
@@ -148,15 +147,18 @@ def _quotient_slope(points: Floats, slope: Floats, weight: Floats) -> Floats:
 class BernsteinPieces(NamedTuple):
     """Polynomial pieces of the determinant."""
 
-    low: Floats  # Smallest parameters of each, (k, 3)
-    width: Floats  # Their widths, (k, 3)
+    low: Floats  # smallest parameters of each, (k, 3)
+    width: Floats  # along each parameter, (k, 3)
     coefficients: Floats  # (k, a + 1, b + 1, c + 1): they enclose the piece
-    rounding: float  # How far a coefficient may be off
+    rounding: float  # largest error of a coefficient
 
 
-def mean_determinant(volume: SplineVolume) -> float:
-    """Mean determinant of a volume's slopes, m^3: negative if most of it is a mirror image."""
-    steps = (np.arange(MEAN_STEPS) + 0.5) / MEAN_STEPS
+def mean_determinant(volume: SplineVolume, n_steps: int = 12) -> float:
+    """Mean determinant [m^3] of a volume's slopes: negative if most of it is a mirror image.
+
+    `n_steps`: samples along each axis.
+    """
+    steps = (np.arange(n_steps) + 0.5) / n_steps
     return float(slope_determinant(volume, steps, steps, steps).mean())
 
 
@@ -166,13 +168,13 @@ def rescaled_volume(volume: SplineVolume, origin: Floats, size: float) -> Spline
 
 
 def control_extent(volume: SplineVolume) -> float:
-    """Longest side of the box around the control points, m; 1 where they are one point."""
+    """Longest side [m] of the box around the control points; 1 where they are one point."""
     size = float(np.ptp(volume.control.reshape(-1, 3), axis=0).max())
     return size if size > 0.0 else 1.0
 
 
 def slope_determinant(volume: SplineVolume, s: Floats, t: Floats, u: Floats) -> Floats:
-    """Determinant of a volume's slopes on a grid of parameters: (a, b, c), m^3."""
+    """Determinant of a volume's slopes on a grid of parameters: (a, b, c) [m^3]."""
     determinant, weight = _determinant_and_weight(volume, s, t, u)
     return determinant / weight**4
 
@@ -193,7 +195,7 @@ def determinant_pieces(volume: SplineVolume) -> Iterator[BernsteinPieces]:
     low, wide = low.reshape(-1, 2), wide.reshape(-1, 2)
     end = np.ones((len(low), 1))
     for layer in range(len(breaks[2]) - 1):
-        # A rational volume's is no polynomial before it is times the weight's fourth power.
+        # A rational volume's is a polynomial only times the weight's fourth power.
         places = sites[0].ravel(), sites[1].ravel(), sites[2][layer]
         values, _ = _determinant_and_weight(volume, *places)
         pieces = values.reshape(*sites[0].shape, *sites[1].shape, -1)
@@ -205,13 +207,13 @@ def determinant_pieces(volume: SplineVolume) -> Iterator[BernsteinPieces]:
             np.hstack([low, start * end]),
             np.hstack([wide, thick * end]),
             pieces.reshape(len(low), *pieces.shape[2:]),
-            SAFETY * growth * float(np.abs(values).max()),
+            COEFFICIENT_ROUNDING * growth * float(np.abs(values).max()),
         )
 
 
 @cache
 def _converter(degree: int) -> Floats:
-    """From values at Chebyshev's points to coefficients over the Bernstein polynomials."""
+    """Matrix from values at Chebyshev's points to coefficients over the Bernstein polynomials."""
     x = _unit_sites(degree)[:, None]
     i = np.arange(degree + 1)
     binomials = np.array([comb(degree, k) for k in i.tolist()], dtype=np.float64)
@@ -242,7 +244,7 @@ def _triple(x: Floats, y: Floats, z: Floats) -> Floats:
 
 
 def subdivide(pieces: BernsteinPieces) -> BernsteinPieces:
-    """Each piece as eight, by de Casteljau's scheme."""
+    """Each piece halved along all axes into eight, by de Casteljau's scheme."""
     low, width, coefficients, rounding = pieces
     for axis in range(3):
         left, right = _halves(coefficients.shape[axis + 1] - 1)
@@ -265,15 +267,15 @@ def _halves(degree: int) -> tuple[Floats, Floats]:
 class Parallelepiped:
     """A corner and three edge vectors.
 
-    `corner` (3,): where s = t = u = 0, m. `edges` (3, 3): a row for each of s, t and u: from the
-    corner to where it is 1, m. Raises ValueError if an edge has no length, or the three lie in a
-    plane. Fung, 1999, (2.17) to (2.19), with the edges themselves: with unit vectors, as printed,
-    the far end of an edge would be its length, not 1.
+    `corner` (3,): the point s = t = u = 0 [m]. `edges` (3, 3): a row for each of s, t and u, from
+    the corner to the point where it is 1 [m]. Raises ValueError if an edge has no length, or the
+    three lie in a plane. Fung, 1999, (2.17) to (2.19), with the edges themselves: with unit
+    vectors, as printed, the far end of an edge would be its length, not 1.
     """
 
     corner: Floats
     edges: Floats
-    inverse: Floats = field(init=False, repr=False)  # From offsets to s, t, u, 1/m
+    inverse: Floats = field(init=False, repr=False)  # [1/m] from offsets to s, t, u
 
     def __post_init__(self) -> None:
         corner = finite_array("corner", self.corner, (3,)).copy()
@@ -282,7 +284,7 @@ class Parallelepiped:
         if not (lengths > 0.0).all():
             raise ValueError(f"edges must have a length, got {edges.tolist()} m")
         units = edges / lengths
-        if not abs(np.linalg.det(units)) > LEAST_RELATIVE_VOLUME:
+        if not abs(np.linalg.det(units)) > MIN_RELATIVE_VOLUME:
             raise ValueError(f"edges must not lie in a plane, got {edges.tolist()} m")
         inverse = np.linalg.inv(units) / lengths.T
         for name, array in (("corner", corner), ("edges", edges), ("inverse", inverse)):
@@ -291,7 +293,7 @@ class Parallelepiped:
 
     @property
     def volume(self) -> float:
-        """Of the parallelepiped, m^3; negative if its edges are left-handed."""
+        """Volume [m^3]; negative if the edges are left-handed."""
         return float(np.linalg.det(self.edges))
 
     def local(self, points: Floats) -> Floats:
@@ -305,16 +307,16 @@ class Parallelepiped:
         return offsets
 
     def rounding(self, points: Floats) -> float:
-        """How far s, t and u of such points may be off by rounding alone."""
+        """Rounding error of s, t and u of such points."""
         size = max(float(np.abs(points).max(initial=0.0)), float(np.abs(self.corner).max()))
         return ROUNDING * (1.0 + size * float(np.abs(self.inverse).sum(axis=0).max()))
 
     def greville_control(self, bases: Bases) -> Floats:
-        """Control points (l, m, n, 3) that deform nothing: at the Greville abscissae, m."""
+        """Control points (l, m, n, 3) [m] that deform nothing: at the Greville abscissae."""
         return self._grid([basis.greville() for basis in bases])
 
     def even_control(self, counts: tuple[int, int, int]) -> Floats:
-        """Control points (l, m, n, 3), m, in even steps along each edge: (2.19).
+        """Control points (l, m, n, 3) [m] in even steps along each edge: (2.19).
 
         They deform nothing under Bernstein polynomials alone; under other bases parameters are
         found by inversion. Raises ValueError if there are fewer than two along an edge.
@@ -328,7 +330,7 @@ class Parallelepiped:
 
 
 def _combine(columns: list[Floats], matrix: Floats) -> Floats:
-    """Columns of three numbers times a matrix (3, 3), without the products by nothing."""
+    """Columns of three numbers times a matrix (3, 3), without the products by 0."""
     result = np.zeros((*columns[0].shape, 3))
     for row, column in zip(matrix, columns, strict=True):
         for axis in np.flatnonzero(row):
@@ -337,7 +339,7 @@ def _combine(columns: list[Floats], matrix: Floats) -> Floats:
 
 
 def upright_parallelepiped(low: Floats, extent: Floats) -> Parallelepiped:
-    """Frame of an upright box: low corner (3,) and positive edge lengths (3,), m, or ValueError."""
+    """Frame of an upright box: low corner (3,) and positive lengths (3,) [m], or ValueError."""
     extent = finite_array("extent", extent, (3,))
     if not (extent > 0.0).all():
         raise ValueError(f"extent must be positive, got {extent.tolist()} m")

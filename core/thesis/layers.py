@@ -96,7 +96,10 @@ def _polygon(points: Floats, count: int) -> Floats:
     different = points[(points != np.roll(points, 1, axis=0)).any(axis=1)]
     if len(different) < 2:
         return np.repeat(points[:1], count, axis=0)
-    places, least = splines.curve_parameters(different, "chord"), splines.LEAST_SMOOTHING
+    places, least = (
+        splines.curve_parameters(different, "chord"),
+        splines.DEFAULT_CURVE_FIT.min_smoothing,
+    )
     return splines.fit_closed_least_squares(different, places, count, least).control
 
 

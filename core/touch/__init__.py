@@ -1,9 +1,9 @@
 """One touch of an elastic pad with an array of taxels.
 
 Simulated from command to tactile frame, and read back as a surface patch with normal, curvatures
-and their standard errors. What may be tuned are the named thresholds on top of each chapter, in
-pitches or standard deviations, and the effects that a scene lists; formulas follow their
-sources. It rests on core arrays, frames and geometry, and on the protocol of shapes.
+and their standard errors. Tunable are the settings classes of each module, in pitches or standard
+deviations, and the effects that a scene lists; formulas follow their sources. It depends on core
+arrays, frames and geometry, and on the protocol of shapes.
 """
 
 from palpate.core.touch.curvature import (
@@ -54,10 +54,11 @@ from palpate.core.touch.jet import (
     taylor_coefficients as taylor_coefficients,
 )
 from palpate.core.touch.pad import (
-    CONTACT as CONTACT,
+    DEFAULT_CONTACT as DEFAULT_CONTACT,
     HITS as HITS,
     SPRINGS as SPRINGS,
     Calibration as Calibration,
+    ContactSettings as ContactSettings,
     FaceModel as FaceModel,
     Pad as Pad,
     Signal as Signal,
@@ -86,5 +87,5 @@ from palpate.core.touch.taxel_calibration import (
 )
 from palpate.core.touch.turning import (
     set_down as set_down,
-    turning_way as turning_way,
+    turning_distances as turning_distances,
 )

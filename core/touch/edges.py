@@ -1,13 +1,14 @@
 """Whether a touched surface is smooth, or an edge or a corner, which have no curvature.
 
-A jet is believed where it leaves no more than noise. Where it does leave more, a few flat faces are
-tried in its place (Magnani and Boyd, *Convex piecewise-linear fitting*, 2009); single taxels that
-have nothing to do with the surface are told from both by what a robust jet leaves over.
+A surface is smooth where a jet leaves no more than noise. Where it leaves more, a few flat faces
+are tried in its place (Magnani and Boyd, *Convex piecewise-linear fitting*, 2009); single taxels
+off the surface are detected by the residuals of a robust jet.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -18,59 +19,83 @@ from palpate.core.touch.jet import JetFit, fit_robust_jet, monomials
 from palpate.core.touch.pad import Pad
 
 SurfaceKind = Literal["smooth", "edge", "corner"]
-# In pitches: what a quartic leaves over on a ball of eight pitches pressed deeply. Less than this
-# beyond the noise needs no second look.
-QUIET = 0.008
-# In pitches: what a quartic leaves over on a ball of five. More than this beyond the noise is not
-# smooth, whatever it is: a step has no faces that differ in slope.
-UNEXPLAINED = 0.03
-# In 1 / pitches: what curves within two pitches is an edge to this array, however well a polynomial
-# passes through the few taxels that touch it.
-SHARPEST = 0.5
-PIECES_WIN = 0.5  # Flat faces that leave less than this share of what the jet does are there
-# A third and fourth face are there if they leave less than this share of what two leave, flat or
-# curved. Two curved ones are the rim of a cylinder: an edge.
-THIRD_PAYS = 0.4
-# Slope by which the faces of a corner must lean off any one line. The strip of a rounded edge lies
-# on the line between the two others.
-THREE_WAYS = 0.1
-SURE = 4.0  # Standard deviations by which noise alone may lift the deviation of a fit
-MOST_ROUNDS = 8  # Of giving the taxels to the faces and fitting the faces anew
-THIN = 0.3  # In pitches: taxels that scatter less across a line do not move a face's plane
-FAR = 5.0  # Robust deviations from the jet: noise on 256 taxels goes beyond once in 7000 frames
-MOST = 3  # More than this are not outliers but something that the jet cannot follow
-PULLED = 8  # Taxels that one outlier may pull the jet off from; beyond, no robust one is tried
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SurfaceKindSettings:
+    """When a touched surface is smooth, an edge or a corner."""
+
+    # Misfit of the jet beyond noise: below the first the surface is smooth without a second look (a
+    # ball of eight pitches pressed deeply leaves as much), above the second it is not smooth,
+    # whatever it is (a ball of five pitches does; a step has no faces that differ in slope).
+    max_smooth_misfit: float = 0.008  # [pitches]
+    min_edge_misfit: float = 0.03  # [pitches]
+    noise_sigmas: float = 4.0  # by which noise alone may raise the deviation of a fit
+    # A surface that curves within two pitches is an edge to this array, however well a polynomial
+    # passes through the few taxels that touch it.
+    max_curvature: float = 0.5  # [1 / pitches]
+    max_edge_ratio: float = 0.5  # deviation of flat faces over the jet's, below which they are real
+    # Deviation of three or four faces over that of two, flat or curved, below which they are real.
+    # Two curved ones are the rim of a cylinder: an edge.
+    max_corner_ratio: float = 0.4
+    # Slope by which a corner's faces deviate from a common line, at least. The strip of a rounded
+    # edge lies on the line between the two faces.
+    min_corner_slope: float = 0.1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FaceFitSettings:
+    """Fit of planes to the touched taxels."""
+
+    max_rounds: int = 8  # of assigning taxels to planes and fitting the planes
+    min_spread: float = 0.3  # [pitches] of taxels across a line, for a plane through them
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class IsolatedSettings:
+    """Which taxels off a jet are isolated outliers."""
+
+    outlier_sigmas: float = 5.0  # robust; noise on 256 taxels exceeds it once in 7000 frames
+    max_outliers: int = 3  # more are a shape that the jet cannot follow
+    max_affected: int = 8  # taxels for each outlier that a plain jet may miss because of it
 
 
 def classify_surface(
-    pad: Pad, height: Floats, touched: Bools, fit: JetFit, sharpness: float, noise: float
+    pad: Pad,
+    height: Floats,
+    touched: Bools,
+    fit: JetFit,
+    curvature: float,
+    noise: float,
+    settings: SurfaceKindSettings = SurfaceKindSettings(),
 ) -> SurfaceKind:
-    """What the surface is that a jet was fitted to.
+    """Kind of the surface to which a jet was fitted.
 
-    `sharpness`: the larger size of a principal curvature, 1/m. `noise`: standard deviation of one
-    taxel, m. The jet is believed where it leaves no more than noise; else flat faces are tried.
+    `curvature`: the larger absolute principal curvature [1/m]. `noise`: standard deviation of one
+    taxel [m]. The surface is smooth where the jet leaves no more than noise; else flat faces are
+    tried.
     """
     freedom = max(len(fit.misfit) - fit.jet.coefficients.size, 1)
-    by_noise = noise * (1.0 + SURE / math.sqrt(2.0 * freedom))
-    sharp = sharpness * pad.pitch > SHARPEST
-    explained = math.hypot(by_noise, QUIET * pad.pitch)
+    by_noise = noise * (1.0 + settings.noise_sigmas / math.sqrt(2.0 * freedom))
+    sharp = curvature * pad.pitch > settings.max_curvature
+    explained = math.hypot(by_noise, settings.max_smooth_misfit * pad.pitch)
     if not sharp and fit.deviation <= explained:
         return "smooth"
-    unexplained = fit.deviation > math.hypot(by_noise, UNEXPLAINED * pad.pitch)
+    unexplained = fit.deviation > math.hypot(by_noise, settings.min_edge_misfit * pad.pitch)
     cells = slopes_of_cells(pad, height, touched)
     two = fit_faces(pad, height, touched, cells, 2)
-    if two is not None and two.deviation < min(explained, PIECES_WIN * fit.deviation):
-        return "edge"  # two flat faces are all there is: the costlier models need not be tried
+    if two is not None and two.deviation < min(explained, settings.max_edge_ratio * fit.deviation):
+        return "edge"  # two flat faces explain all: no costlier model is tried
     three = fit_faces(pad, height, touched, cells, 3)
     if two is None or three is None:
         return "edge" if sharp or unexplained else "smooth"
-    wins = min(two.deviation, three.deviation) < PIECES_WIN * fit.deviation
+    wins = min(two.deviation, three.deviation) < settings.max_edge_ratio * fit.deviation
     if not (sharp or wins or unexplained):
         return "smooth"
     left = min(two.deviation, curved_faces_deviation(pad, height, touched, two))
     for more in (three, fit_faces(pad, height, touched, cells, 4)):
-        if more is not None and more.deviation < THIRD_PAYS * left:
-            return "corner" if _off_line(more) > THREE_WAYS else "edge"
+        if more is not None and more.deviation < settings.max_corner_ratio * left:
+            return "corner" if _off_line(more) > settings.min_corner_slope else "edge"
     return "edge"
 
 
@@ -86,11 +111,19 @@ def slopes_of_cells(pad: Pad, height: Floats, touched: Bools) -> Cells:
     return Cells(slopes, 0.25 * (a + b + c + d) - slopes[:, 0] * x - slopes[:, 1] * y)
 
 
-def fit_faces(pad: Pad, height: Floats, touched: Bools, cells: Cells, count: int) -> Faces | None:
+def fit_faces(
+    pad: Pad,
+    height: Floats,
+    touched: Bools,
+    cells: Cells,
+    count: int,
+    settings: FaceFitSettings = FaceFitSettings(),
+) -> Faces | None:
     """Two to four planes whose envelope is nearest to the touched taxels; None if cells are fewer.
 
     A convex body is the upper envelope of its faces over the pad, a hollow one the lower; the
-    better beginning is taken. Planes are fitted to the taxels for which they stand out, by turns:
+    better initial guess decides. Planes are fitted to the taxels where they form the envelope, and
+    these are assigned anew, in rounds:
     Magnani and Boyd, *Convex piecewise-linear fitting*, 2009.
     """
     if len(cells.slopes) < count:
@@ -98,13 +131,13 @@ def fit_faces(pad: Pad, height: Floats, touched: Bools, cells: Cells, count: int
     x, y = (axis[touched] / pad.pitch for axis in pad.grid())
     z = height[touched] / pad.pitch
     chosen = _farthest_apart(cells.slopes, count)
-    begun = np.column_stack([cells.slopes[chosen], cells.heights[chosen]])
-    tops = begun[:, :1] * x + begun[:, 1:2] * y + begun[:, 2:]
+    first = np.column_stack([cells.slopes[chosen], cells.heights[chosen]])
+    tops = first[:, :1] * x + first[:, 1:2] * y + first[:, 2:]
     upper, lower = z - tops.max(axis=0), z - tops.min(axis=0)
     side = 1.0 if float(upper @ upper) <= float(lower @ lower) else -1.0
-    planes, owner, misfit = _alternate(x, y, z, side * begun, side)
-    spent = max(len(z) - 3 * count, 1)
-    return Faces(planes[:, :2], owner, pad.pitch * math.sqrt(float(misfit @ misfit) / spent))
+    planes, owner, misfit = _alternate(x, y, z, side * first, side, settings)
+    freedom = max(len(z) - 3 * count, 1)
+    return Faces(planes[:, :2], owner, pad.pitch * math.sqrt(float(misfit @ misfit) / freedom))
 
 
 def _farthest_apart(slopes: Floats, count: int) -> list[int]:
@@ -123,11 +156,11 @@ def _farthest_apart(slopes: Floats, count: int) -> list[int]:
 
 
 def _alternate(
-    x: Floats, y: Floats, z: Floats, planes: Floats, side: float
+    x: Floats, y: Floats, z: Floats, planes: Floats, side: float, settings: FaceFitSettings
 ) -> tuple[Floats, Ints, Floats]:
-    """Planes, owners and misfit of the upper envelope of ``side * z``; in the sense of z."""
+    """Planes and misfit of the upper envelope of ``side * z``, and the plane of each taxel."""
     z, owner = side * z, None
-    for _ in range(MOST_ROUNDS):
+    for _ in range(settings.max_rounds):
         over = planes[:, :1] * x + planes[:, 1:2] * y + planes[:, 2:]
         latest = over.argmax(axis=0)
         if owner is not None and np.array_equal(latest, owner):
@@ -136,47 +169,51 @@ def _alternate(
         for face in range(len(planes)):
             own = owner == face
             if np.count_nonzero(own) > 3:
-                planes[face] = _plane(x[own], y[own], z[own], planes[face])
+                plane = _plane(x[own], y[own], z[own], settings.min_spread)
+                planes[face] = planes[face] if plane is None else plane
     over = planes[:, :1] * x + planes[:, 1:2] * y + planes[:, 2:]
     owner = over.argmax(axis=0)
     return side * planes, owner, z - over.max(axis=0)
 
 
-def _plane(x: Floats, y: Floats, z: Floats, before: Floats) -> Floats:
-    """Slopes and height of the plane nearest to these points: QR of 1, x, y by Gram-Schmidt."""
+def _plane(x: Floats, y: Floats, z: Floats, min_spread: float) -> Floats | None:
+    """Slopes and height of the plane nearest to points; None if they lie on a line.
+
+    By QR of 1, x, y (Gram-Schmidt).
+    """
     mean_x, mean_y, mean_z = float(x.mean()), float(y.mean()), float(z.mean())
     x, y, z = x - mean_x, y - mean_y, z - mean_z
     size = math.sqrt(float(x @ x))
-    least = THIN * math.sqrt(len(x))
+    least = min_spread * math.sqrt(len(x))
     if size < least:
-        return before
+        return None
     across = float(x @ y) / size
     y = y - x * (across / size)
     rest = math.sqrt(float(y @ y))
     if rest < least:
-        return before
+        return None
     slope_y = float(y @ z) / rest / rest
     slope_x = (float(x @ z) / size - across * slope_y) / size
     return np.array([slope_x, slope_y, mean_z - slope_x * mean_x - slope_y * mean_y])
 
 
 def curved_faces_deviation(pad: Pad, height: Floats, touched: Bools, faces: Faces) -> float:
-    """What is left over, m, if each face may be curved: a quadric on the taxels of each."""
+    """Deviation [m] of a quadric on the taxels of each face."""
     x, y = (axis[touched] / (0.5 * pad.pitch * pad.cols) for axis in pad.grid())
-    z, squares, spent = height[touched], 0.0, 0
+    z, squares, n_fitted = height[touched], 0.0, 0
     for face in range(len(faces.slopes)):
         own = faces.owner == face
         if not own.any():
             continue
         terms = monomials(x[own], y[own], 2)
-        found, _, rank, _ = np.linalg.lstsq(terms, z[own], rcond=1e-9)
-        misfit = z[own] - terms @ found
-        squares, spent = squares + float(misfit @ misfit), spent + int(rank)
-    return math.sqrt(squares / max(len(z) - spent, 1))
+        coefficients, _, rank, _ = np.linalg.lstsq(terms, z[own], rcond=1e-9)
+        misfit = z[own] - terms @ coefficients
+        squares, n_fitted = squares + float(misfit @ misfit), n_fitted + int(rank)
+    return math.sqrt(squares / max(len(z) - n_fitted, 1))
 
 
 def _off_line(faces: Faces) -> float:
-    """How far the faces' slopes are from lying on a line."""
+    """Range of the faces' slopes across the line nearest to them."""
     centred = faces.slopes - faces.slopes.mean(axis=0)
     across = np.linalg.svd(centred, full_matrices=False)[2][1]
     return float(np.ptp(centred @ across))
@@ -185,41 +222,47 @@ def _off_line(faces: Faces) -> float:
 class Faces(NamedTuple):
     """Planes of which the surface is the upper envelope, or the lower one in a hollow."""
 
-    slopes: Floats  # Slopes of the faces, (faces, 2)
-    owner: Ints  # Which face each touched taxel belongs to, in the order of the mask, (n,)
-    deviation: float  # What the faces leave over, corrected for the numbers that were fitted, m
+    slopes: Floats  # of the faces, (faces, 2)
+    owner: Ints  # face of each touched taxel, in the order of the mask, (n,)
+    deviation: float  # [m] of the taxels, by degrees of freedom
 
 
 class Cells(NamedTuple):
     """Squares of four touched taxels."""
 
-    slopes: Floats  # Mean slopes over each, (n, 2)
-    heights: Floats  # Height of its plane over the pad's middle, in pitches, (n,)
+    slopes: Floats  # mean slopes of each, (n, 2)
+    heights: Floats  # [pitches] of its plane over the pad's middle, (n,)
 
 
 def isolated_outliers(
-    pad: Pad, height: Floats, touched: Bools, fit: JetFit, noise: float
+    pad: Pad,
+    height: Floats,
+    touched: Bools,
+    fit: JetFit,
+    noise: float,
+    settings: IsolatedSettings = IsolatedSettings(),
 ) -> Bools | None:
-    """Up to three touched taxels, no two of them neighbours, far off a jet: (rows, cols).
+    """Up to three touched taxels far off a jet, no two of them neighbours, (rows, cols).
 
-    None if there are none, or too many, or they lie together: a face, however small, is no outlier.
-    `noise`: standard deviation of one taxel, m.
+    None if there are none, or more, or two are neighbours: a face, however small, is no outlier.
+    `noise`: standard deviation of one taxel [m].
     """
-    if not 0 < np.count_nonzero(_far(fit, noise)) <= MOST * PULLED:
+    n_missed = np.count_nonzero(_outlying(fit, noise, settings))
+    if not 0 < n_missed <= settings.max_outliers * settings.max_affected:
         return None
     robust = fit_robust_jet(pad, height, touched, noise)
     if robust is None:
         return None
-    far = _far(robust, noise)
-    if not 0 < np.count_nonzero(far) <= MOST:
+    outlying = _outlying(robust, noise, settings)
+    if not 0 < np.count_nonzero(outlying) <= settings.max_outliers:
         return None
-    found = np.zeros_like(touched)
-    found[touched] = far
-    crowd = neighbourhoods(found.astype(np.float64)).sum(axis=-1)
-    return None if (crowd[found] > 1.0).any() else found
+    outliers = np.zeros_like(touched)
+    outliers[touched] = outlying
+    n_around = neighbourhoods(outliers.astype(np.float64)).sum(axis=-1)
+    return None if (n_around[outliers] > 1.0).any() else outliers
 
 
-def _far(fit: JetFit, noise: float) -> Bools:
-    off = np.abs(fit.misfit)
-    far: Bools = off > FAR * max(scaled_mad(off), noise)
-    return far
+def _outlying(fit: JetFit, noise: float, settings: IsolatedSettings) -> Bools:
+    offset = np.abs(fit.misfit)
+    result: Bools = offset > settings.outlier_sigmas * max(scaled_mad(offset), noise)
+    return result

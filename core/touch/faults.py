@@ -1,23 +1,24 @@
 """Frames that no surface can have made: dead, saturated, frozen and impossible ones.
 
-A frame is judged before a surface is sought in it. What a few taxels do wrong is left to the
-filters; a frame is at fault where so many do that the rest says nothing. Each judgement is a word
-and a sentence: an array that fails is reported as that, not as a curved surface.
+A frame is checked before a surface is fitted to it. A few wrong taxels are left to the filters; a
+frame is at fault where so many are wrong that the rest shows no surface. A failing array is then
+reported by the name of its fault, not as a curved surface.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Literal, NamedTuple
+from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from palpate.core.arrays import Bools, Floats, finite_array
 from palpate.core.touch.jet import fit_jet, monomials
-from palpate.core.touch.pad import CONTACT_DEVIATIONS, Pad
+from palpate.core.touch.pad import DEFAULT_CONTACT, Pad
 
-MIN_SIDE = 4  # Rows and columns of an array
+MIN_SIDE = 4  # rows and columns of an array
 FrameFault = Literal["none", "dead", "impossible", "saturated", "frozen"]
 FAULTS: dict[FrameFault, str] = {
     "none": "",
@@ -28,17 +29,21 @@ FAULTS: dict[FrameFault, str] = {
 }
 
 
-class FrameSettings(NamedTuple):
-    """What is still taken for a frame of a surface."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FrameSettings:
+    """Limits of a frame that a surface can have made."""
 
     max_impossible_share: float = 0.25  # fraction of all taxels
     max_saturated_share: float = 0.5  # fraction of the touched taxels
     min_negative: float = 0.5  # [pitches] below zero, beside noise; less is drift
-    min_white_noise: float = 1.2  # noise over that of rounding, for frames never to repeat
+    noise_sigmas: float = DEFAULT_CONTACT.min_sigmas  # noise is no more, of a taxel
+    min_white_noise: float = 1.2  # noise over that of rounding, from which frames never repeat
+    rounding: float = 1e-9  # of readings at the limit, fraction of it
 
 
-class PlateauSettings(NamedTuple):
-    """When equal largest readings are taken to be cut off, and not the top of a surface."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlateauSettings:
+    """When equal largest readings are a cut-off, and not the top of a surface."""
 
     rounding: float = 1e-9  # fraction of the largest reading
     min_taxels: int = 3  # fewer are the top of a surface that lies evenly on the grid
@@ -47,7 +52,7 @@ class PlateauSettings(NamedTuple):
     noise_sigmas: float = 4.0  # the same, in standard deviations of a taxel
     min_curvature: float = 0.005  # [1 / pitches] beside them; flatter is a face beside a level one
     min_lines: int = 5  # rows, and columns, of the others that a curvature is known by
-    max_level_share: float = 0.3  # fraction of the taxels around; a face goes on as it was
+    max_level_share: float = 0.3  # fraction of the taxels around; a face continues at its height
     max_opening: float = 0.75 * math.pi  # [rad] without others; a face ends at an edge on one side
 
 
@@ -69,17 +74,16 @@ def frame_fault(
     contact: float,
     *,
     pressed: bool = False,
-    settings: FrameSettings | None = None,
+    settings: FrameSettings = FrameSettings(),
 ) -> FrameFault:
-    """What is wrong with a frame as a whole.
+    """Fault of a frame as a whole.
 
     `compression` (rows, cols): as the array reports it [m]. `smooth` (rows, cols): the same without
-    impulses, of which not even many are a fault [m]. `noise`: standard deviation of one taxel [m].
+    impulses, which are no fault [m]. `noise`: standard deviation of one taxel [m].
     `contact`: least compression that counts as touched [m]. `pressed`: whether the guarded move
-    ended on a surface, so that something must have been felt.
+    ended on a surface, so that some taxel must read it.
     """
-    settings = settings or FrameSettings()
-    limit, spread = pad.saturation * pad.thickness, CONTACT_DEVIATIONS * noise
+    limit, spread = pad.saturation * pad.thickness, settings.noise_sigmas * noise
     most = 0.5 * (limit + pad.thickness) + spread
     least = -max(settings.min_negative * pad.pitch, spread)
     touched = smooth > max(contact, spread)
@@ -91,18 +95,20 @@ def frame_fault(
     if not touched.any():
         is_felt = (compression > max(contact, spread)).any()
         return "dead" if pressed and not is_felt else "none"
-    full = smooth[touched] >= limit * (1.0 - PlateauSettings().rounding)
+    full = smooth[touched] >= limit * (1.0 - settings.rounding)
     return "saturated" if full.mean() > settings.max_saturated_share else "none"
 
 
-def pressed_fault(pad: Pad, height: Floats, touched: Bools) -> FrameFault:
-    """What is wrong with a surface of which every taxel reads alike, and as much as it can.
+def pressed_fault(
+    pad: Pad, height: Floats, touched: Bools, settings: FrameSettings = FrameSettings()
+) -> FrameFault:
+    """Fault of a surface on which all touched taxels read the same, at or over the pad's limit.
 
     `height` (rows, cols): over the plane of the pad's face [m]. `touched` (rows, cols): at least
-    one. Heights that differ may be over any other plane, and are not judged.
+    one. Heights that differ may be over any other plane, and are not checked.
     """
     compression = -(height + pad.sag())[touched]
-    most, rounding = float(compression.max()), PlateauSettings().rounding
+    most, rounding = float(compression.max()), settings.rounding
     if most - float(compression.min()) > rounding * abs(most):
         return "none"
     if most >= pad.thickness * (1.0 - rounding):
@@ -111,54 +117,56 @@ def pressed_fault(pad: Pad, height: Floats, touched: Bools) -> FrameFault:
 
 
 def is_repeated(
-    compression: Floats, before: Floats, noise: float, settings: FrameSettings | None = None
+    compression: Floats, before: Floats, noise: float, settings: FrameSettings = FrameSettings()
 ) -> bool:
-    """Whether a frame equals that of another touch although noise should have told them apart.
+    """Whether a frame equals that of another touch although noise should make them differ.
 
     Both (rows, cols) [m]; `noise`: standard deviation of one taxel [m]. Without noise, or where it
-    is only that of rounding to steps, touches of an even surface may well give equal frames.
+    is only that of rounding to steps, touches of an even surface may give equal frames.
     """
-    settings = settings or FrameSettings()
     if noise <= 0.0 or not np.array_equal(compression, before):
         return False
     steps = np.diff(np.unique(compression))
     rounding = 1e-6 * noise  # of arithmetic, not of the array
     steps = steps[steps > rounding]
-    if not len(steps):  # all taxels read the same: no noise to be seen
+    if not len(steps):  # all taxels read the same: no noise shows
         return False
     return noise > settings.min_white_noise * float(steps.min()) / math.sqrt(12.0)
 
 
 def cut_off_taxels(
-    pad: Pad, height: Floats, touched: Bools, noise: float, settings: PlateauSettings | None = None
+    pad: Pad,
+    height: Floats,
+    touched: Bools,
+    noise: float,
+    settings: PlateauSettings = PlateauSettings(),
 ) -> Bools | None:
-    """Touched taxels that read the same largest compression where the surface goes on beyond it.
+    """Touched taxels that read the same largest compression although the surface rises beyond it.
 
-    `height` (rows, cols): surface over the plane of the pad's face [m]. They are known by the jet
-    of the others, which is curved and leads beyond them by more than noise. None if there are none.
+    `height` (rows, cols): surface over the plane of the pad's face [m]. The jet of the lower taxels
+    is curved, and rises beyond the equal ones by more than noise. None if there are none.
     """
-    settings = settings or PlateauSettings()
     compression = -(height + pad.sag())
     top = float(compression[touched].max())
     plateau = touched & (compression >= top - settings.rounding * abs(top))
     if np.count_nonzero(plateau) < settings.min_taxels:
         return None
-    others = touched & ~plateau
-    if not others.any() and pad.dome == 0.0:
+    lower = touched & ~plateau
+    if not lower.any() and pad.dome == 0.0:
         return None  # a plane that the pad met squarely
     level = touched & (np.abs(height - height[plateau].mean()) <= settings.min_excess * pad.pitch)
-    if others.any() and level[_around(plateau)].mean() > settings.max_level_share:
+    if lower.any() and level[_around(plateau)].mean() > settings.max_level_share:
         return None  # a plane with an edge beside the middle of a domed pad
-    if others.any() and _opening(plateau, others) > settings.max_opening:
+    if lower.any() and _opening(plateau, lower) > settings.max_opening:
         return None
     least = max(settings.min_excess * pad.pitch, settings.noise_sigmas * noise)
-    fit = fit_jet(pad, height, others, noise)
+    fit = fit_jet(pad, height, lower, noise)
     if fit is None or fit.jet.degree < 2:
         mostly = np.count_nonzero(plateau) > settings.max_share * np.count_nonzero(touched)
-        is_level = others.any() and top - np.median(compression[others]) < least
+        is_level = lower.any() and top - np.median(compression[lower]) < least
         return plateau if mostly and not is_level else None
-    if min(others.any(axis=0).sum(), others.any(axis=1).sum()) < settings.min_lines:
-        return None  # what lies in so few lines tells of no curvature across them
+    if min(lower.any(axis=0).sum(), lower.any(axis=1).sum()) < settings.min_lines:
+        return None  # so few lines have no measurable curvature across them
     bends = np.abs(fit.derivatives[2:]).max() * pad.pitch
     x, y = (axis[plateau] / fit.jet.scale for axis in pad.grid())
     there = monomials(x, y, fit.jet.degree) @ fit.jet.coefficients
@@ -167,14 +175,14 @@ def cut_off_taxels(
 
 
 def _around(plateau: Bools) -> Bools:
-    """The taxels (rows, cols) that lie next to some."""
+    """Taxels (rows, cols) that lie next to the plateau."""
     beside = sliding_window_view(np.pad(plateau, 1), (3, 3)).any(axis=(2, 3))
     return np.asarray(beside & ~plateau)
 
 
-def _opening(plateau: Bools, others: Bools) -> float:
-    """The widest angle about the middle of some taxels in which none of the others lies [rad]."""
+def _opening(plateau: Bools, lower: Bools) -> float:
+    """Widest angle [rad] about the middle of the plateau without lower taxels."""
     middle = np.argwhere(plateau).mean(axis=0)
-    away = np.argwhere(others) - middle
+    away = np.argwhere(lower) - middle
     turns = np.sort(np.arctan2(away[:, 0], away[:, 1]))
     return float(np.diff(turns, append=turns[0] + 2.0 * math.pi).max())

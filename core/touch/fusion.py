@@ -1,7 +1,7 @@
 """Curvatures of overlapping touches, fused by a Kalman filter.
 
-Fung, 1999, section 6.1, wishes for one over the derivatives of the tactile surface. Its state here
-is the shape operator, which does not depend on how the pads are turned.
+Fung, 1999, section 6.1, suggests one over the derivatives of the tactile surface. Its state here is
+the shape operator, which does not depend on how the pads are turned.
 """
 
 from __future__ import annotations
@@ -33,21 +33,21 @@ class FusionSettings:
 class LocalCurvature(NamedTuple):
     """Curvature at one place of a surface, with its covariance."""
 
-    point: Floats  # Where, (3,), m
-    shape: forms.ShapeOperator  # The shape operator there, its vectors in the same frame as `point`
-    covariance: Floats  # Of its three parts, (3, 3), 1/m^2
+    point: Floats  # (3,) [m]
+    shape: forms.ShapeOperator  # there, in the same frame as `point`
+    covariance: Floats  # of its three parts, (3, 3) [1/m^2]
 
 
 class FusedCurvature(NamedTuple):
-    """What the touches so far say of the curvature at the last one's place."""
+    """Curvature at the last touch, estimated from all touches so far."""
 
-    place: LocalCurvature  # Curvature there
-    changed: float  # Squared changes of curvature beyond noise, weighted, 1/m^2; may be negative
-    travelled: float  # Squared distances over which they came about, likewise weighted, m^2
-    # Normalised squared innovation of the last touch: 3 on average if all is well; 0 for the first
-    # touch.
+    place: LocalCurvature
+    changed: float  # [1/m^2] weighted squared changes of curvature beyond noise; may be negative
+    travelled: float  # [m^2] equally weighted squared distances over which they occurred
+    # Normalised squared innovation of the last touch: 3 on average if the model holds; 0 for the
+    # first touch.
     surprise: float
-    touches: int  # How many touches went into it
+    touches: int  # number of touches fused
 
     @property
     def principal(self) -> forms.PrincipalCurvatures:
@@ -56,7 +56,7 @@ class FusedCurvature(NamedTuple):
 
 
 def begin_fusion(measured: LocalCurvature) -> FusedCurvature:
-    """The first touch."""
+    """State after the first touch."""
     return FusedCurvature(measured, 0.0, 0.0, 0.0, 1)
 
 
@@ -65,25 +65,24 @@ def fuse(
 ) -> FusedCurvature:
     """One more touch, which should overlap the last.
 
-    What was known is carried along the surface to the new place, where the curvature may have
-    changed by a random amount that grows with the distance. How much is learnt from earlier
-    touches: by as much as they differed beyond their noise. A touch that still surprises is given
-    the change that explains it, so that a sudden bend is followed at once.
+    The estimate is transported along the surface to the new place, where the curvature may have
+    changed by a random amount that grows with the distance. Its rate is rate from the differences
+    of earlier touches beyond their noise. If the innovation of a touch is still too large, the
+    change that explains it is assumed, so that a sudden bend is followed at once.
     """
-    before, covariance = _carried(fused.place, measured.shape)
-    seen = np.array(measured.shape.parts)
-    innovation = seen - before
-    certain = covariance + measured.covariance
-    if not float(np.trace(certain)) > 0.0:  # nothing to weigh: both are exact
+    before, covariance = _transported(fused.place, measured.shape)
+    measured_parts = np.array(measured.shape.parts)
+    innovation = measured_parts - before
+    total = covariance + measured.covariance
+    if not float(np.trace(total)) > 0.0:  # both are exact
         return FusedCurvature(measured, fused.changed, fused.travelled, 0.0, fused.touches + 1)
     squared = float(((measured.point - fused.place.point) ** 2).sum())
     size = float(innovation @ innovation)
-    changed = settings.memory * fused.changed + size - float(np.trace(certain))
+    changed = settings.memory * fused.changed + size - float(np.trace(total))
     travelled = settings.memory * fused.travelled + float(np.trace(forms.ISOTROPIC)) * squared
-    learnt = fused.changed / fused.travelled if fused.travelled > 0.0 else 0.0
-    drift = max(learnt, 0.0) * squared
-    # The innovation in its own covariance.
-    whitened = np.linalg.solve(np.linalg.cholesky(certain + drift * forms.ISOTROPIC), innovation)
+    rate = fused.changed / fused.travelled if fused.travelled > 0.0 else 0.0
+    drift = max(rate, 0.0) * squared
+    whitened = np.linalg.solve(np.linalg.cholesky(total + drift * forms.ISOTROPIC), innovation)
     surprise = float(whitened @ whitened)
     if travelled > 0.0:
         drift = max(drift, changed / travelled * squared)
@@ -92,30 +91,30 @@ def fuse(
     predicted = covariance + drift * forms.ISOTROPIC
     gain = np.linalg.solve(predicted + measured.covariance, predicted).T
     keep = np.eye(3) - gain
-    # Joseph's form: a covariance stays one, whatever is rounded.
-    left = keep @ predicted @ keep.T + gain @ measured.covariance @ gain.T
+    # Joseph's form keeps a covariance positive definite under rounding.
+    posterior = keep @ predicted @ keep.T + gain @ measured.covariance @ gain.T
     parts = before + gain @ innovation
     shape = measured.shape._replace(parts=(float(parts[0]), float(parts[1]), float(parts[2])))
-    place = LocalCurvature(measured.point, shape, left)
+    place = LocalCurvature(measured.point, shape, posterior)
     return FusedCurvature(place, changed, travelled, surprise, fused.touches + 1)
 
 
-def _carried(place: LocalCurvature, there: forms.ShapeOperator) -> tuple[Floats, Floats]:
-    """Parts and covariance in the tangents of another place: parallel transport."""
-    one, other = place.shape.normal, there.normal
-    axis, cosine = np.cross(one, other), float(one @ other)
-    tangent = place.shape.tangents[0]  # Turned by the shortest way to the normal: Rodrigues
+def _transported(place: LocalCurvature, there: forms.ShapeOperator) -> tuple[Floats, Floats]:
+    """Parts and covariance in the tangents of another place, by parallel transport."""
+    normal, new_normal = place.shape.normal, there.normal
+    axis, cosine = np.cross(normal, new_normal), float(normal @ new_normal)
+    tangent = place.shape.tangents[0]  # turned like the normal (Rodrigues)
     turned = cosine * tangent + np.cross(axis, tangent)
     turned = turned + axis * (float(axis @ tangent) / max(1.0 + cosine, 1e-9))
-    # The tangents of both may be of either hand.
-    mirrored = float(np.linalg.det(np.vstack([place.shape.tangents, one]))) * float(
-        np.linalg.det(np.vstack([there.tangents, other]))
+    # Both pairs of tangents may be left- or right-handed.
+    mirrored = float(np.linalg.det(np.vstack([place.shape.tangents, normal]))) * float(
+        np.linalg.det(np.vstack([there.tangents, new_normal]))
     )
     u, v = (there.tangents @ turned).tolist()
     angle = math.atan2(v, u)
     c, s = math.cos(angle), math.sin(angle)
     flip = -1.0 if mirrored < 0.0 else 1.0
-    # Old tangents, told in the new ones, are (c, s) and flip * (-s, c).
+    # The old tangents in the new ones are (c, s) and flip * (-s, c).
     turn = np.array(
         [
             [c * c, -2.0 * flip * c * s, s * s],

@@ -1,8 +1,8 @@
 """Jets, local polynomials, fitted to the touched taxels: least squares by QR, with errors.
 
 Cazals and Pouget, *Estimating differential quantities using polynomial fitting*, 2005. The
-monomials are ordered by degree, so that one factorisation holds those of all lower degrees as its
-leading blocks. It depends only on which taxels are touched: a full pad's is kept.
+monomials are ordered by degree, so that one factorisation contains those of all lower degrees as
+its leading blocks. It depends only on which taxels are touched: the latest ones are cached.
 """
 
 from __future__ import annotations
@@ -19,52 +19,71 @@ from palpate.core.arrays import Bools, Floats, Ints, scaled_mad
 from palpate.core.touch.pad import Pad
 from palpate.reprs import readable
 
-TUKEY = 4.685  # Deviations beyond which a taxel has no weight: 95 % efficient for normal noise
-MOST_ROUNDS = 8  # Of reweighting; weights that move by less than `SETTLED` end it before
-SETTLED = 1e-3
-LEAST_TAXELS = 8  # Below this there is no telling a slope from a corner
-# Least number of taxels for each degree: about three for each coefficient.
-DEGREES = ((45, 4), (30, 3), (12, 2), (LEAST_TAXELS, 1))
-# A monomial of which the lower ones leave less than this root mean square, over the touched taxels,
-# is not seen: rounding leaves 1e-16, the smallest contact that is fitted 1e-3.
-DEPENDENT = 1e-9
-KEPT_DESIGNS = 32  # Factorisations that are remembered, 70 kB each
-COUNTS = (1, 3, 6, 10, 15)  # Coefficients of a polynomial of each degree
-# How often z, z_x, z_y, z_xx, z_xy, z_yy are differentiated by x and y.
-UP_TO_SECOND = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
+N_COEFFICIENTS = (1, 3, 6, 10, 15)  # of a polynomial of each degree
+# Orders of differentiation by x and y of z, z_x, z_y, z_xx, z_xy, z_yy.
+DERIVATIVE_ORDERS = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JetSettings:
+    """Which degree a number of taxels bears: about three taxels for each coefficient.
+
+    Below 8 taxels a slope cannot be distinguished from a corner.
+    """
+
+    min_taxels: tuple[int, ...] = (8, 12, 30, 45)  # for degrees 1, 2, ...
+    # Root mean square of a monomial over the touched taxels, less the lower ones, from which it is
+    # fitted: rounding leaves 1e-16, the smallest contact that is fitted 1e-3.
+    min_independent: float = 1e-9
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RobustJetSettings:
+    """Iteration of a robust jet with Tukey's weights."""
+
+    max_sigmas: float = 4.685  # of a taxel with weight; 95 % efficient for normal noise
+    max_rounds: int = 8  # of reweighting
+    weight_tolerance: float = 1e-3  # smaller changes of all weights end the rounds
+
+
+DEFAULT_JET = JetSettings()
 
 
 class JetFit(NamedTuple):
-    """A jet, its derivatives at the middle of the contact, and how sure they are."""
+    """A jet, its derivatives at the middle of the contact, and their errors."""
 
-    jet: Jet  # The polynomial
-    middle: tuple[float, float, float]  # Mean x, y of touched taxels, the jet's height there, m
-    derivatives: Floats  # z_x, z_y, z_xx, z_xy, z_yy at the middle, (5,); second derivatives in 1/m
+    jet: Jet
+    middle: tuple[float, float, float]  # [m] mean x, y of touched taxels, the jet's height there
+    derivatives: Floats  # z_x, z_y [1], z_xx, z_xy, z_yy [1/m] at the middle, (5,)
     # Square root of the derivatives' covariance for unit noise, (5, m): the covariance is
     # ``deviation**2 * factor @ factor.T``.
     derivative_factor: Floats
-    factor: Floats  # Likewise of the coefficients, (m, m)
-    misfit: Floats  # Height less jet at the touched taxels, in the order of the mask, (n,), m
-    residual: float  # Root mean square misfit of the taxels that count, m
-    # Noise of a taxel of weight 1 as the misfit shows it, m: what the coefficients took up is given
-    # back.
-    deviation: float
-    weights: Floats | None  # From 0 to 1 for each touched taxel, (n,); None if all count alike
+    factor: Floats  # the same for the coefficients, (m, m)
+    misfit: Floats  # height less jet at the touched taxels, in the order of the mask, (n,) [m]
+    residual: float  # [m] root mean square misfit of the taxels with weight
+    deviation: float  # [m] noise of a taxel of weight 1, from the misfit and degrees of freedom
+    weights: Floats | None  # from 0 to 1 for each touched taxel, (n,); None if all are equal
 
 
-def fit_jet(pad: Pad, height: Floats, touched: Bools, noise: float | None = None) -> JetFit | None:
+def fit_jet(
+    pad: Pad,
+    height: Floats,
+    touched: Bools,
+    noise: float | None = None,
+    settings: JetSettings = DEFAULT_JET,
+) -> JetFit | None:
     """Jet of the touched taxels.
 
-    `height` (rows, cols): surface over the plane of the pad's face, m. `touched` (rows, cols) of
-    bool: which taxels count. `noise`: standard deviation of one taxel, m, or less. If given, the
-    cubic and the quartic part are shrunk by as much as noise explains them. None if fewer than 8
-    taxels count, or they lie on a line. The degree follows the number of taxels, and
-    falls where they cannot tell the powers of one degree apart, as on two rows. A quartic follows a
-    tight curve and a quadric is steadier on a flat one; shrinking by James and Stein, *Estimation
-    with quadratic loss*, 1961, goes between the two whichever the surface is, and over all
-    coefficients it is on average nowhere worse than the quartic.
+    `height` (rows, cols): surface over the plane of the pad's face [m]. `touched` (rows, cols) of
+    bool: taxels to fit. `noise`: standard deviation of one taxel [m], or less; with it the cubic
+    and the quartic part are shrunk by the share that noise explains. None if fewer than 8 taxels
+    are touched, or they lie on a line. The degree follows the number of taxels, and is lowered
+    where the powers of one degree are dependent on them, as on two rows. A quartic follows a tight
+    curve and a quadric is steadier on a flat one; shrinking by James and Stein, *Estimation with
+    quadratic loss*, 1961, is between the two on any surface, and over all coefficients on average
+    nowhere worse than the quartic.
     """
-    design = jet_design(pad.rows, pad.cols, pad.pitch, touched.tobytes())
+    design = jet_design(pad.rows, pad.cols, pad.pitch, touched.tobytes(), settings)
     if design is None:
         return None
     z = height.ravel()
@@ -74,16 +93,16 @@ def fit_jet(pad: Pad, height: Floats, touched: Bools, noise: float | None = None
     misfit = z - design.basis @ inner
     squares, count, m = float(misfit @ misfit), len(z), len(inner)
     deviation, outer = math.sqrt(squares / max(count - m, 1)), design.outer
-    if noise is not None and m > COUNTS[2]:
+    if noise is not None and m > N_COEFFICIENTS[2]:
         shares = _shares(inner, max(noise, deviation))
         inner, outer = inner * shares, outer * np.sqrt(shares)
         misfit = z - design.basis @ inner
         squares = float(misfit @ misfit)
-    found = design.outer @ inner
+    result = design.outer @ inner
     return JetFit(
-        jet=Jet(found[:m], design.scale),
-        middle=(*design.middle, float(found[m])),
-        derivatives=found[m + 1 :],
+        jet=Jet(result[:m], design.scale),
+        middle=(*design.middle, float(result[m])),
+        derivatives=result[m + 1 :],
         derivative_factor=outer[m + 1 :],
         factor=outer[:m],
         misfit=misfit,
@@ -94,50 +113,57 @@ def fit_jet(pad: Pad, height: Floats, touched: Bools, noise: float | None = None
 
 
 def fit_robust_jet(
-    pad: Pad, height: Floats, touched: Bools, least_deviation: float, start: Floats | None = None
+    pad: Pad,
+    height: Floats,
+    touched: Bools,
+    min_deviation: float,
+    start: Floats | None = None,
+    robust: RobustJetSettings = RobustJetSettings(),
+    settings: JetSettings = DEFAULT_JET,
 ) -> JetFit | None:
-    """Jet of the touched taxels that gives no weight to those that stand far off.
+    """Jet of the touched taxels that gives no weight to outliers.
 
-    `least_deviation`: the noise is not taken to be smaller than this, m: otherwise a noise-free
-    frame would throw out all taxels that a polynomial misses. `start` (rows, cols): weights to
-    begin with; without them, all alike. None if fewer than 8 taxels are touched, or they lie on a
-    line. Tukey's biweight, the scale by the median absolute misfit, at most 8 rounds; Beaton and
-    Tukey, *The fitting of power series*, 1974.
+    `min_deviation`: lower bound of the noise [m]; with 0, a noise-free frame would lose all taxels
+    that a polynomial misses. `start` (rows, cols): initial weights; None for equal ones. None if
+    fewer than 8 taxels are touched, or they lie on a line. Tukey's biweight, with the scale from
+    the median absolute misfit; Beaton and Tukey, *The fitting of power series*, 1974.
     """
-    design = jet_design(pad.rows, pad.cols, pad.pitch, touched.tobytes())
+    design = jet_design(pad.rows, pad.cols, pad.pitch, touched.tobytes(), settings)
     if design is None:
         return None
     z = height.ravel()[design.places]
     before = np.ones(len(z)) if start is None else start.ravel()[design.places]
-    fit = _weighted(design, z, before)
-    if fit is None:  # the start leaves too few
+    fit = _weighted(design, z, before, settings)
+    if fit is None:  # the initial weights leave too few taxels
         before = np.ones(len(z))
-        fit = fit_jet(pad, height, touched)
-    for _ in range(MOST_ROUNDS):
+        fit = fit_jet(pad, height, touched, None, settings)
+    for _ in range(robust.max_rounds):
         if fit is None:
             break
-        spread = max(scaled_mad(fit.misfit[before > 0.0]), least_deviation)
+        spread = max(scaled_mad(fit.misfit[before > 0.0]), min_deviation)
         weights = before
         if spread > 0.0:  # Tukey's biweight
-            share = np.maximum(1.0 - (fit.misfit / spread / TUKEY) ** 2, 0.0)
+            share = np.maximum(1.0 - (fit.misfit / spread / robust.max_sigmas) ** 2, 0.0)
             weights = share * share
-        fit = _weighted(design, z, weights) or fit
-        if np.abs(weights - before).max() < SETTLED:
+        fit = _weighted(design, z, weights, settings) or fit
+        if np.abs(weights - before).max() < robust.weight_tolerance:
             break
         before = weights
     return fit
 
 
-def _weighted(design: JetDesign, z: Floats, weights: Floats) -> JetFit | None:
-    """By a factorisation of the weighted rows; the degree falls if the weights leave too few."""
+def _weighted(
+    design: JetDesign, z: Floats, weights: Floats, settings: JetSettings
+) -> JetFit | None:
+    """Weighted jet; its degree is lowered if the weights leave too few taxels."""
     count = int(np.count_nonzero(weights))
     root = np.sqrt(weights)
     basis, triangle = qr_factors(design.monomials * root[:, None])
-    most = min(supported_degree(count), COUNTS.index(len(triangle)))
-    degree = identifiable_degree(triangle, most, count)
+    degree = min(supported_degree(count, settings), N_COEFFICIENTS.index(len(triangle)))
+    degree = identifiable_degree(triangle, degree, count, settings)
     if degree == 0:
         return None
-    m = COUNTS[degree]
+    m = N_COEFFICIENTS[degree]
     inverse = np.asarray(np.linalg.inv(triangle[:m, :m]), np.float64)
     inner: Floats = basis[:, :m].T @ (z * root)
     monomial = design.monomials[:, :m]
@@ -159,13 +185,14 @@ def _weighted(design: JetDesign, z: Floats, weights: Floats) -> JetFit | None:
 
 
 def _shares(inner: Floats, noise: float) -> Floats:
-    """Share of each coefficient over Q that is kept: James and Stein for each degree's own.
+    """Fraction of each coefficient over Q that is kept: James and Stein, degree by degree.
 
-    Those of one degree count together, so that the pad may be turned. Seen as Bayes's rule with a
-    prior that is learnt from them, the share is also that of their variance.
+    Coefficients of one degree are shrunk together, so that the result does not depend on how the
+    pad is turned. By Bayes's rule with a prior from the coefficients themselves, their variance
+    shrinks by the same fraction.
     """
     shares = np.ones(len(inner))
-    for lower, upper in pairwise(COUNTS[2:]):
+    for lower, upper in pairwise(N_COEFFICIENTS[2:]):
         part = inner[lower:upper]
         if len(part):
             size = float(part @ part)
@@ -177,29 +204,31 @@ def _shares(inner: Floats, noise: float) -> Floats:
 class JetDesign(NamedTuple):
     """Factorised monomials over the touched taxels."""
 
-    places: Ints  # Indices of the touched taxels in the flattened array, (n,)
-    middle: tuple[float, float]  # Their mean place, m
-    scale: float  # Half the width of the pad, m
+    places: Ints  # indices of the touched taxels in the flattened array, (n,)
+    middle: tuple[float, float]  # [m] their mean place
+    scale: float  # [m] half the width of the pad
     monomials: Floats  # (n, m)
-    basis: Floats  # Orthonormal columns Q of the factorisation Q R, (n, m)
-    rows: Floats  # What gives height and derivatives at the middle from the coefficients, (6, m)
-    outer: Floats  # What gives coefficients, height and derivatives from those over Q, (m + 6, m)
+    basis: Floats  # orthonormal columns Q of the factorisation Q R, (n, m)
+    rows: Floats  # matrix (6, m) from coefficients to height and derivatives at the middle
+    outer: Floats  # matrix (m + 6, m) from coefficients over Q to coefficients and those
 
 
-@lru_cache(maxsize=KEPT_DESIGNS)
-def jet_design(rows: int, cols: int, pitch: float, touched: bytes) -> JetDesign | None:
-    """The design of touched taxels, by their mask's bytes; None if fewer than 8, or on a line."""
+@lru_cache(maxsize=32)  # 70 kB each
+def jet_design(
+    rows: int, cols: int, pitch: float, touched: bytes, settings: JetSettings = DEFAULT_JET
+) -> JetDesign | None:
+    """Design of the touched taxels, by their mask's bytes; None if they bear no plane."""
     places = np.flatnonzero(np.frombuffer(touched, np.bool_)).astype(np.int32)
-    degree = supported_degree(len(places))
+    degree = supported_degree(len(places), settings)
     if degree == 0:
         return None
     x, y, all_over = _whole_pad(rows, cols)
-    there = all_over[places, : COUNTS[degree]]
+    there = all_over[places, : N_COEFFICIENTS[degree]]
     basis, triangle = qr_factors(there)
-    degree = identifiable_degree(triangle, degree, len(places))
+    degree = identifiable_degree(triangle, degree, len(places), settings)
     if degree == 0:
         return None
-    m, scale = COUNTS[degree], 0.5 * pitch * cols
+    m, scale = N_COEFFICIENTS[degree], 0.5 * pitch * cols
     if m < len(triangle):
         there, basis = there[:, :m].copy(), basis[:, :m].copy()
     at_x, at_y = float(x[places].mean()), float(y[places].mean())
@@ -209,9 +238,9 @@ def jet_design(rows: int, cols: int, pitch: float, touched: bytes) -> JetDesign 
     return JetDesign(places, (at_x * scale, at_y * scale), scale, there, basis, derive, outer)
 
 
-def supported_degree(count: float) -> int:
-    """The degree that so many taxels can bear; 0 if not even a plane."""
-    return next((degree for least, degree in DEGREES if count >= least), 0)
+def supported_degree(count: float, settings: JetSettings = DEFAULT_JET) -> int:
+    """Highest degree that a number of taxels bears; 0 if not even a plane."""
+    return sum(count >= least for least in settings.min_taxels)
 
 
 @cache
@@ -219,25 +248,27 @@ def _whole_pad(rows: int, cols: int) -> tuple[Floats, Floats, Floats]:
     """Places (n,) of all taxels, in halves of the pad's width, and their monomials."""
     row, col = np.divmod(np.arange(rows * cols), cols)
     x, y = (2.0 * col - (cols - 1)) / cols, (2.0 * row - (rows - 1)) / cols
-    return x, y, monomials(x, y, len(COUNTS) - 1)
+    return x, y, monomials(x, y, len(N_COEFFICIENTS) - 1)
 
 
 def qr_factors(matrix: Floats) -> tuple[Floats, Floats]:
-    """Q and R; LAPACK is twice as fast on columns that lie together."""
+    """Q and R; LAPACK is twice as fast on contiguous columns."""
     basis, triangle = np.linalg.qr(np.asfortranarray(matrix))
     return basis, triangle
 
 
-def identifiable_degree(triangle: Floats, degree: int, count: float) -> int:
-    """The highest degree all of whose monomials the taxels tell apart; 0 if not even a plane."""
-    seen = np.abs(triangle.diagonal()) > DEPENDENT * math.sqrt(count)
-    while degree and not seen[: COUNTS[degree]].all():
+def identifiable_degree(
+    triangle: Floats, degree: int, count: float, settings: JetSettings = DEFAULT_JET
+) -> int:
+    """Highest degree whose monomials are independent on the taxels; 0 if not even a plane."""
+    independent = np.abs(triangle.diagonal()) > settings.min_independent * math.sqrt(count)
+    while degree and not independent[: N_COEFFICIENTS[degree]].all():
         degree -= 1
     return degree
 
 
 def derivative_rows(x: float, y: float, degree: int) -> Floats:
-    """What gives z, z_x, z_y, z_xx, z_xy, z_yy at a place, (6, m), in the jet's scale."""
+    """Matrix (6, m) from coefficients to z, z_x, z_y, z_xx, z_xy, z_yy, in the jet's scale."""
     of_x, of_y, factor = _up_to_second(degree)
     in_x = np.array([x**power for power in range(degree + 1)])
     in_y = np.array([y**power for power in range(degree + 1)])
@@ -248,7 +279,7 @@ def derivative_rows(x: float, y: float, degree: int) -> Floats:
 @cache
 def _up_to_second(degree: int) -> tuple[Ints, Ints, Floats]:
     """Exponents and factors of the height and its five derivatives, (6, m) each."""
-    six = [_exponents(degree, *order) for order in UP_TO_SECOND]
+    six = [_exponents(degree, *order) for order in DERIVATIVE_ORDERS]
     of_x, of_y, factor = zip(*six, strict=True)
     return np.stack(of_x), np.stack(of_y), np.stack(factor)
 
@@ -267,11 +298,11 @@ class Jet:
     Cazals and Pouget, *Estimating differential quantities using polynomial fitting*, 2005.
     """
 
-    coefficients: Floats  # By total degree, then by the power of y: 1, x, y, x^2, xy, y^2, ...; m
-    scale: float  # Length by which x and y are divided, m
+    coefficients: Floats  # [m] by total degree, then power of y: 1, x, y, x^2, xy, y^2, ...
+    scale: float  # [m] by which x and y are divided
 
     def height(self, x: Floats, y: Floats) -> Floats:
-        """Height at places x, y (n,), m."""
+        """Height [m] at places x, y (n,)."""
         return self._derivatives(x, y, (0, 0))[0]
 
     def slopes(self, x: Floats, y: Floats) -> tuple[Floats, Floats]:
@@ -280,14 +311,14 @@ class Jet:
         return by_x, by_y
 
     def second_derivatives(self, x: Floats, y: Floats) -> tuple[Floats, Floats, Floats]:
-        """Derivatives z_xx, z_xy and z_yy at places x, y (n,), 1/m."""
+        """Derivatives z_xx, z_xy and z_yy [1/m] at places x, y (n,)."""
         by_xx, by_xy, by_yy = self._derivatives(x, y, (2, 0), (1, 1), (0, 2))
         return by_xx, by_xy, by_yy
 
     @property
     def degree(self) -> int:
         """Total degree of the polynomial."""
-        return COUNTS.index(len(self.coefficients))
+        return N_COEFFICIENTS.index(len(self.coefficients))
 
     def _derivatives(self, x: Floats, y: Floats, *orders: tuple[int, int]) -> list[Floats]:
         degree, scale = self.degree, self.scale
@@ -304,7 +335,7 @@ def monomials(x: Floats, y: Floats, degree: int) -> Floats:
 
 
 def _monomials(in_x: Floats, in_y: Floats, degree: int, order: tuple[int, int]) -> Floats:
-    """Monomials, differentiated so often by x and y: (n, m)."""
+    """Monomials, differentiated `order` times by x and y: (n, m)."""
     of_x, of_y, factor = _exponents(degree, *order)
     product: Floats = in_x[:, of_x] * in_y[:, of_y]
     return product if order == (0, 0) else product * factor

@@ -3,8 +3,8 @@
 The pad's own frame: x along the columns, y along the rows, z into the object; the middle of the
 undeformed face is the origin. The transducers lie one thickness behind the face and follow its
 dome, so that every taxel is equally thick. A taxel sends a time of flight or a force: Fung, 1999,
-(1.1), (1.2) and section 3.4.1. An elastic face is drawn down beside a contact, so that a taxel
-reads compression although nothing touches it: contact is where there is load.
+(1.1), (1.2) and section 3.4.1. An elastic face is drawn down beside a contact, so that taxels
+there read compression without being touched: contact is where there is load.
 """
 
 from __future__ import annotations
@@ -22,24 +22,34 @@ from palpate.core.shapes import Shape
 from palpate.reprs import readable
 
 TouchOutcome = Literal["hit", "miss", "inside", "bottomed"]
-HITS = ("hit", "bottomed")  # Outcomes that tell where the surface is
-# What the face does beside a contact: nothing, or it slopes back like a membrane on springs, or
-# like the surface of a deep elastic body.
+HITS = ("hit", "bottomed")  # Outcomes that locate the surface
+# Shape of the face beside a contact: undeformed (springs), or sloping back like a membrane on
+# springs, or like the surface of a deep elastic body.
 FaceKind = Literal["springs", "membrane", "half_space"]
-CONTACT = 50e-6  # Least compression that counts as touched, m
-# A taxel counts as touched from 5 standard deviations of its noise on: at 3, one in a thousand
-# untouched ones would put a point where there is no surface.
-CONTACT_DEVIATIONS = 5.0
-MAX_ECHO_RATIO = 1e3  # Times that of an undeformed pad: later ones are of another unit
-KEPT_OPERATORS = 4  # Of large arrays each takes up to 134 MB
-Signal = Literal["time", "force"]  # What an array sends: times of flight of echoes, s, or forces, N
+Signal = Literal["time", "force"]  # An array sends echoes' times of flight [s] or forces [N]
+# [times of flight of the undeformed pad]; a longer median shows that times are not in seconds.
+MAX_ECHO_RATIO = 1e3
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ContactSettings:
+    """Compression from which a taxel counts as touched: the larger of both.
+
+    At 3 sigmas one of a thousand untouched taxels would add a point where there is no surface.
+    """
+
+    min_compression: float = 50e-6  # [m]
+    min_sigmas: float = 5.0  # [standard deviations of a taxel's noise]
+
+
+DEFAULT_CONTACT = ContactSettings()
 
 
 class FaceModel(NamedTuple):
     """How the pad's face yields beside a contact."""
 
-    kind: FaceKind  # In which way
-    decay: float = 0.0  # Length in which a membrane falls to 1/e, m; 0 for the others
+    kind: FaceKind
+    decay: float = 0.0  # [m] length in which a membrane falls to 1/e; 0 for the others
 
 
 SPRINGS = FaceModel("springs")  # Each taxel is a spring of its own (Winkler)
@@ -49,17 +59,17 @@ SPRINGS = FaceModel("springs")  # Each taxel is a spring of its own (Winkler)
 class Pad:
     """Array and pad."""
 
-    rows: int  # Rows of taxels
-    cols: int  # Columns of taxels
-    pitch: float  # Distance between neighbouring taxels, m
-    thickness: float  # Thickness over the transducers, m
-    dome: float  # Curvature of the face at its middle, 1/m; 0 for a flat pad
-    saturation: float  # Largest compression, as a share of the thickness
-    face: FaceModel = SPRINGS  # How the face yields beside a contact, as a data sheet has it
+    rows: int  # of taxels
+    cols: int  # of taxels
+    pitch: float  # [m] distance between neighbouring taxels
+    thickness: float  # [m] over the transducers
+    dome: float  # [1/m] curvature of the face at its middle; 0 for a flat pad
+    saturation: float  # largest compression, fraction of the thickness
+    face: FaceModel = SPRINGS  # as in the data sheet
 
     @cache  # noqa: B019 - pads are values, and few
     def grid(self) -> tuple[Floats, Floats]:
-        """Coordinates x and y of the taxels, (rows, cols) each, m; read-only."""
+        """Coordinates x and y of the taxels, (rows, cols) each [m]; read-only."""
         x = (np.arange(self.cols) - (self.cols - 1) / 2) * self.pitch
         y = (np.arange(self.rows) - (self.rows - 1) / 2) * self.pitch
         x, y = np.meshgrid(x, y)
@@ -67,22 +77,22 @@ class Pad:
 
     @cache  # noqa: B019
     def sag(self) -> Floats:
-        """How far the domed face falls back behind its middle, (rows, cols), m; read-only."""
+        """Depth of the domed face below its middle, (rows, cols) [m]; read-only."""
         x, y = self.grid()
         return _read_only(0.5 * self.dome * (x * x + y * y))
 
     def surface(self, compression: Floats, touched: Bools) -> Floats:
-        """Surface over the plane of the face where the pad touches it, else 0, (rows, cols), m."""
+        """Height of the touched surface over the face's plane, else 0, (rows, cols) [m]."""
         return np.where(touched, -(compression + self.sag()), 0.0)
 
     def surface_point(self, surface: Floats, taxel: int) -> Floats:
-        """The point (3,) of such a surface over a taxel, counted row by row, m."""
+        """Point (3,) [m] of such a surface over a taxel, counted row by row."""
         x, y = self.grid()
         return np.array([x.flat[taxel], y.flat[taxel], surface.flat[taxel]])
 
     @cache  # noqa: B019
     def transducers(self) -> Floats:
-        """Where the transducers are in the pad's frame, (rows * cols, 3), m; read-only."""
+        """Positions of the transducers in the pad's frame, (rows * cols, 3) [m]; read-only."""
         x, y = self.grid()
         z = -(self.thickness + self.sag())
         return _read_only(np.column_stack([x.ravel(), y.ravel(), z.ravel()]))
@@ -96,22 +106,22 @@ def _read_only(array: Floats) -> Floats:
 class GuardedMove(NamedTuple):
     """How a guarded move ended."""
 
-    outcome: TouchOutcome  # As in a tactile frame
-    pose: Pose  # Of the pad at its end
-    compression: Floats  # Compression of the pad, (rows, cols), m
-    advance: float  # Way travelled, m
-    # How far the rigid surface would enter the undeformed pad, (rows, cols), m: negative over a
-    # gap, -inf where there is nothing.
+    outcome: TouchOutcome  # as in a tactile frame
+    pose: Pose  # of the pad at the end
+    compression: Floats  # of the pad, (rows, cols) [m]
+    advance: float  # [m] distance travelled
+    # Depth of the rigid surface in the undeformed pad, (rows, cols) [m]: negative over a gap, -inf
+    # where there is no surface.
     indentation: Floats
 
 
 def guarded_move(shape: Shape, pad: Pad, start: Pose, reach: float, depth: float) -> GuardedMove:
-    """Move a pad along its normal until its deepest compression is `depth`, m.
+    """Move a pad along its normal until its deepest compression is `depth` [m].
 
-    A pad that saturates before bottoms out there, and goes no farther. `start`: pose from
-    which it moves. `reach`: longest way to first contact, m. One cast serves the whole move: the
-    surface's distance from every taxel is known at once. Each taxel is a spring (Winkler); inside
-    the contact the pad takes the surface's shape, which is exact under any elastic model.
+    A pad that saturates earlier bottoms out there and stops. `start`: pose from which it moves.
+    `reach`: longest distance to first contact [m]. One ray cast serves the whole move: it gives the
+    surface's distance from every taxel. Each taxel is a spring (Winkler); inside the contact the
+    pad takes the surface's shape, which is exact under any elastic model.
     """
     position, axes = start
     rays = pad.transducers() @ axes.T + position
@@ -130,23 +140,30 @@ def guarded_move(shape: Shape, pad: Pad, start: Pose, reach: float, depth: float
 
 
 def started_inside(pad: Pad, start: Pose) -> GuardedMove:
-    """The pad began inside the object: nothing was touched that means anything."""
+    """The result of a move that begins inside the object: no contact counts."""
     size = (pad.rows, pad.cols)
     return GuardedMove("inside", start, np.zeros(size), 0.0, np.full(size, -np.inf))
 
 
-def contact_mask(pad: Pad, compression: Floats, contact: float, noise: float) -> Bools:
+def contact_mask(
+    pad: Pad,
+    compression: Floats,
+    contact: float,
+    noise: float,
+    settings: ContactSettings = DEFAULT_CONTACT,
+) -> Bools:
     """Taxels under load, (rows, cols).
 
-    `compression` (rows, cols): m. `contact`: least compression that counts, m; also as the load of
-    a pad that is pressed evenly. `noise`: standard deviation of one taxel, m. On a bed of springs
-    load and compression are one. A membrane on springs is loaded with ``u - decay^2 lap(u)``, taken
-    at the pitch with free borders. On a half-space the load is the inverse of Love's displacements;
-    those of a 16 by 16 array have a condition of 27. A contact that runs off the array presses from
-    outside as well, and adds load at the border, where it is a contact anyway. Noise counts as the
-    operator magnifies it: a face that is stiff over many taxels needs a quiet array.
+    `compression` (rows, cols) [m]. `contact`: least compression that counts [m], in place of that
+    of the settings; also as the load of a pad that is pressed evenly. `noise`: standard deviation
+    of one taxel [m]. On a bed of springs load and compression are equal. A membrane on springs is
+    loaded with ``u - decay^2 lap(u)``, taken at the pitch with free borders. On a half-space the
+    load is the inverse of Love's displacements; those of a 16 by 16 array have a condition of 27. A
+    contact that extends beyond the array presses from outside as well, and adds load at the border,
+    which is in contact anyway. The operator magnifies noise: a face that is stiff over many taxels
+    needs a quiet array.
     """
-    moved = compression > max(contact, CONTACT_DEVIATIONS * noise)
+    moved = compression > max(contact, settings.min_sigmas * noise)
     if pad.face.kind == "springs" or not moved.any():
         return moved
     if pad.face.kind == "membrane":
@@ -156,7 +173,7 @@ def contact_mask(pad: Pad, compression: Floats, contact: float, noise: float) ->
     else:
         operator, even, magnified = _half_space_loads(replace(pad, face=SPRINGS))
         load = (operator @ compression.ravel()).reshape(compression.shape)
-    result: Bools = moved & (load > max(contact * even, CONTACT_DEVIATIONS * noise * magnified))
+    result: Bools = moved & (load > max(contact * even, settings.min_sigmas * noise * magnified))
     return result
 
 
@@ -171,11 +188,11 @@ def _laplacian(image: Floats) -> Floats:
     return result
 
 
-@lru_cache(maxsize=KEPT_OPERATORS)
+@lru_cache(maxsize=4)  # operators of large arrays take up to 134 MB each
 def _half_space_loads(pad: Pad) -> tuple[Floats, float, float]:
-    """Operator from the face's shape to its load, (n, n), and what it does to extremes.
+    """Operator from the face's shape to its load, (n, n).
 
-    These are the least load of an even shape, and the factor by which noise is magnified.
+    With the least load of an evenly pressed face, and the factor that magnifies noise.
     """
     kernel = half_space_influence(pad)
     loads = np.linalg.inv(kernel / kernel[0, 0])
@@ -187,7 +204,7 @@ def _half_space_loads(pad: Pad) -> tuple[Floats, float, float]:
 
 
 def half_space_influence(pad: Pad) -> Floats:
-    """Displacement of each taxel's middle under unit pressure on another, (n, n), m.
+    """Displacement of each taxel's middle under unit pressure on another, (n, n) [m].
 
     The factor ``(1 - nu^2) / (pi E)`` is left out. Love, *The stress produced in a semi-infinite
     solid by pressure on part of the boundary*, 1929; Johnson, *Contact mechanics*, 1985, 3.3.
@@ -212,33 +229,34 @@ def half_space_influence(pad: Pad) -> Floats:
 class Calibration:
     """How an array's signal is turned into compression of its pad, and back."""
 
-    signal: Signal  # What a taxel sends
-    thickness: float  # Of the undeformed pad, m
-    sound_speed: float  # In the pad, m/s
-    taxel_stiffness: float  # Force on one taxel for each metre of compression, N/m: k of (1.2)
-    gain: Floats | float = 1.0  # Factor that corrects each taxel, (rows, cols) or one for all
-    offset: Floats | float = 0.0  # Added to each taxel after that, m, (rows, cols) or one for all
+    signal: Signal
+    thickness: float  # [m] of the undeformed pad
+    sound_speed: float  # [m/s] in the pad
+    taxel_stiffness: float  # [N/m] force on one taxel per compression: k of (1.2)
+    gain: Floats | float = 1.0  # corrects each taxel, (rows, cols) or a scalar
+    offset: Floats | float = 0.0  # [m] added after the gain, (rows, cols) or a scalar
 
     def encode(self, reading: Floats) -> Floats:
-        """What the array sends for a compression that it takes to be `reading`, m.
+        """Signal that the array sends for a reading of compression [m].
 
-        A round trip of the echo through the compressed pad, ``2 (d1 - c) / v`` in s, or a force,
-        ``k c`` in N. Gain and offset are corrections of the decoder: not applied.
+        The echo's round trip through the compressed pad, ``2 (d1 - c) / v`` [s], or the force,
+        ``k c`` [N]. Gain and offset are corrections of the decoder: not applied.
         """
         if self.signal == "force":
             return self.taxel_stiffness * reading
         return (self.thickness - reading) * (2.0 / self.sound_speed)
 
     def decode(self, array: Floats) -> Floats:
-        """Compression, m, of each taxel of a frame in s or N; corrected by gain and offset.
+        """Compression [m] of each taxel of a frame [s] or [N], corrected by gain and offset.
 
         With times of flight this is (1.1), whose reference t1 is that of the undeformed pad. Raises
-        ValueError where it is no frame of the calibrated array, or most taxels take so long that
-        they are not in seconds.
+        ValueError if the frame has another shape than the calibration, or its median time is too
+        long to be in seconds.
         """
-        for known in (self.gain, self.offset):
-            if np.shape(known) not in ((), array.shape):
-                raise ValueError(f"a frame must have shape {np.shape(known)}, got {array.shape}")
+        for correction in (self.gain, self.offset):
+            shape = np.shape(correction)
+            if shape not in ((), array.shape):
+                raise ValueError(f"a frame must have shape {shape}, got {array.shape}")
         if self.signal == "force":
             raw = array / self.taxel_stiffness
         else:

@@ -1,10 +1,10 @@
 """A fingertip with the effects of its scene, stage by stage, and what an effect is.
 
 An effect is a description, a frozen dataclass whose numbers have ranges, units and defaults. It is
-turned once, for one fingertip, into a `Stage`: a function that changes the touch under way, and the
-state in which it begins. Which stage comes before which is fixed by `Phase` and by the catalogue,
-never by the order in a file. What a scene does not list is not in the list of stages, so it costs
-nothing. The cast, one ray a taxel, and the transducer are what every touch has.
+turned once, for one fingertip, into a `Stage`: a function that changes the current touch, and its
+initial state. The order of stages is fixed by `Phase` and by the catalogue, never by the order in a
+file. Effects that a scene does not list are no stages, so they cost nothing. Every touch has the
+cast, with one ray per taxel, and the transducer.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from zlib import crc32
 import numpy as np
 
 from palpate.core.arrays import Floats
-from palpate.core.plugins import told_error
+from palpate.core.plugins import describe_error
 from palpate.core.poses import Pose
 from palpate.core.robot_time import RobotPreset, contact_seconds
 from palpate.core.shapes import Shape
@@ -37,26 +37,26 @@ from palpate.core.touch.pad import (
 if TYPE_CHECKING:
     from numpy.random import Generator
 
-MOST_COPIES = 100  # Of one frame
-StageStates = tuple[Any, ...]  # What stages remember between touches, in the order of the stages
-NOTHING: Floats = np.zeros((0, 0))
-NOTHING.setflags(write=False)
+MAX_COPIES = 100  # of one frame
+StageStates = tuple[Any, ...]  # states of the stages between touches, in their order
+NO_IMAGE: Floats = np.zeros((0, 0))
+NO_IMAGE.setflags(write=False)
 
 
 class Pipeline(NamedTuple):
     """The stages of a touch."""
 
-    finger: Fingertip  # Whose they are
-    stages: tuple[Stage, ...]  # In the order in which they act
-    names: tuple[str, ...]  # Whose each stage is
+    finger: Fingertip
+    stages: tuple[Stage, ...]  # in the order in which they act
+    names: tuple[str, ...]  # of the stages' effects
 
     def begin(self) -> StageStates:
-        """What the stages remember before the first touch."""
+        """Initial states of the stages."""
         return tuple(stage.state for stage in self.stages)
 
     @property
     def noise(self) -> float:
-        """Standard deviation of one taxel, as a calibration would find it, m."""
+        """Standard deviation of one taxel, as a calibration measures it [m]."""
         return math.hypot(*(stage.noise for stage in self.stages), 0.0)
 
     @property
@@ -66,43 +66,45 @@ class Pipeline(NamedTuple):
         return faces[-1] if faces else SPRINGS
 
     def simulate(self, touch: SimulatedTouch, states: StageStates) -> StageStates:
-        """Carry out a touch: fills it in, and gives what the stages remember next.
+        """Simulate a touch: fill in its fields, and return the next states of the stages.
 
-        Raises ValueError if a stage fails, with its effect's name, or leaves what cannot be.
+        Raises ValueError if a stage fails, with its effect's name, or leaves impossible values.
         """
         following = []
         for stage, name, state in zip(self.stages, self.names, states, strict=True):
             try:
                 following.append(stage.apply(touch, state))
-            except Exception as error:  # an effect may be anybody's: whose it was must be told
+            except Exception as error:  # a user's effect: the message names it
                 kind = type(error).__name__
                 raise ValueError(f"the effect {name} failed: {kind}: {error}") from error
         shape = (self.finger.pad.rows, self.finger.pad.cols)
         if np.shape(touch.reading) != shape or not np.isfinite(touch.reading).all():
             raise ValueError(f"the effects left a reading that is no finite {shape} image")
-        if not touch.previous <= touch.time < math.inf or not 1 <= touch.copies <= MOST_COPIES:
+        if not touch.previous <= touch.time < math.inf or not 1 <= touch.copies <= MAX_COPIES:
             raise ValueError(
                 f"the effects left a touch that ends at {touch.time} s and is sent {touch.copies} "
                 f"times; it must not end before {touch.previous} s, nor be sent more than "
-                f"{MOST_COPIES} times"
+                f"{MAX_COPIES} times"
             )
         return tuple(following)
 
 
 def assemble(finger: Fingertip, effects: Sequence[Effect]) -> Pipeline:
-    """The pipeline of a finger with these effects, in the order in which they are given.
+    """The pipeline of a finger with these effects, ordered by phase and else as listed.
 
-    Raises ValueError if an effect cannot be had on this finger, or two take the place of the cast.
+    Raises ValueError if this finger cannot have an effect, or two effects replace the cast.
     """
     casts = [effect for effect in effects if effect.phase is Phase.CAST]
     if len(casts) > 1:
         names = " and ".join(type(effect).__name__ for effect in casts)
-        raise ValueError(f"{names} both say how a taxel sees the surface; list one of them")
-    stages = [(one.phase, type(one).__name__, _prepared(one, finger)) for one in effects]
+        raise ValueError(f"{names} both replace the cast; list only one of them")
+    stages = [
+        (effect.phase, type(effect).__name__, _prepared(effect, finger)) for effect in effects
+    ]
     if not casts:
         stages.append((Phase.CAST, "cast", Stage(lambda touch, _: cast_single_rays(finger, touch))))
     stages.append((Phase.ARM, "transducer", _transduce(finger)))
-    stages.sort(key=lambda placed: placed[0])  # stable: within a phase the order stays
+    stages.sort(key=lambda placed: placed[0])  # stable: the order within a phase is kept
     return Pipeline(
         finger, tuple(stage for _, _, stage in stages), tuple(name for _, name, _ in stages)
     )
@@ -114,8 +116,10 @@ def _prepared(effect: Effect, finger: Fingertip) -> Stage:
         stage = effect.prepare(finger)
     except ValueError:
         raise
-    except Exception as error:  # an effect may be anybody's: whose it was must be told
-        raise ValueError(f"the effect {name} cannot be prepared: {told_error(error)}") from error
+    except Exception as error:  # a user's effect: the message names it
+        raise ValueError(
+            f"the effect {name} cannot be prepared: {describe_error(error)}"
+        ) from error
     if not isinstance(stage, Stage):
         raise ValueError(f"the effect {name} prepares a {type(stage).__name__}, not a Stage")
     if not (isinstance(stage.noise, (int, float)) and 0.0 <= stage.noise < math.inf):
@@ -124,13 +128,13 @@ def _prepared(effect: Effect, finger: Fingertip) -> Stage:
 
 
 def cast_single_rays(finger: Fingertip, touch: SimulatedTouch) -> None:
-    """Press the pad, seeing the surface at the middle of each taxel."""
+    """Press the pad, with one ray from the middle of each taxel."""
     move = guarded_move(touch.shape, finger.pad, touch.actual, touch.reach, touch.depth)
     record_move(finger, touch, move)
 
 
 def _transduce(finger: Fingertip) -> Stage:
-    """An ideal array reads compression, or the pressure by the stiffness of its data sheet."""
+    """Stage of an ideal array: it reads compression, or pressure over nominal stiffness."""
     stiffness = finger.stiffness
     by_force = finger.calibration.signal == "force"
 
@@ -141,10 +145,10 @@ def _transduce(finger: Fingertip) -> Stage:
 
 
 def record_move(finger: Fingertip, touch: SimulatedTouch, end: GuardedMove) -> None:
-    """Write down how a guarded move ended: poses, times, compression and pressure.
+    """Store the end of a guarded move in the touch: poses, times, compression and pressure.
 
-    The arm believes to have gone as far as it went, from where it believed to start. Each taxel is
-    a spring of its own (Winkler): the pressure is (1.2) for each area.
+    The arm's believed pose advances by the true distance. Each taxel is an independent spring
+    (Winkler): the pressure is (1.2) per area.
     """
     touch.outcome, touch.advance = end.outcome, end.advance
     touch.believed = touch.believed.advanced(end.advance)
@@ -161,32 +165,32 @@ def record_move(finger: Fingertip, touch: SimulatedTouch, end: GuardedMove) -> N
 
 
 class Phase(IntEnum):
-    """Where on its way from command to frame an effect changes a touch."""
+    """Step between command and frame at which an effect changes a touch."""
 
-    AIM = 1  # Before the move: changes ``actual``, where the pad really starts
-    CAST = 2  # The move itself: takes the place of `palpate.core.touch.cast_single_rays`
-    PAD = 3  # Mechanics: changes ``compression`` and ``pressure``
-    ARM = 4  # After the move: changes ``believed``, where the arm believes the pad to have stopped
-    ECHO = 5  # Transduction: changes ``reading``
-    SIGNAL = 6  # Electronics: changes ``reading``
-    LINK = 7  # Transport: changes ``time`` and ``copies``
+    AIM = 1  # before the move: changes ``actual``, the true start of the pad
+    CAST = 2  # the move itself: replaces `palpate.core.touch.cast_single_rays`
+    PAD = 3  # mechanics: changes ``compression`` and ``pressure``
+    ARM = 4  # after the move: changes ``believed``, the pad's end by the arm's sensors
+    ECHO = 5  # transduction: changes ``reading``
+    SIGNAL = 6  # electronics: changes ``reading``
+    LINK = 7  # transport: changes ``time`` and ``copies``
 
 
 class Stage(NamedTuple):
     """One stage, ready for one finger."""
 
-    # Takes the touch, which it changes, and the stage's state; gives its next state. Pure
-    # otherwise: the same touch and state give the same again.
+    # Takes the touch, which it changes, and the stage's state; returns the next state. It has no
+    # other side effects or inputs.
     apply: Callable[[SimulatedTouch, Any], Any]
-    state: Any = None  # The state in which the finger begins; None if there is nothing to remember
-    noise: float = 0.0  # What it adds to the deviation of one taxel, as a calibration finds it, m
-    face: FaceModel | None = None  # How the pad's face yields beside a contact; None: as it was
+    state: Any = None  # initial; None for a stage without memory
+    noise: float = 0.0  # [m] that it adds to one taxel, standard deviation as a calibration has it
+    face: FaceModel | None = None  # of the pad; None: unchanged
 
 
 class Effect(Protocol):
     """A description of an effect."""
 
-    phase: ClassVar[Phase]  # When it acts
+    phase: ClassVar[Phase]
 
     def prepare(self, finger: Fingertip) -> Stage:
         """The stage for one finger; ValueError if this finger cannot have the effect."""
@@ -194,61 +198,58 @@ class Effect(Protocol):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fingertip:
-    """The fingertip: what every stage of a touch may know, and none may change."""
+    """The fingertip, which all stages of a touch can read."""
 
-    pad: Pad  # Array and pad
-    calibration: Calibration  # What the array's signal means; nominal, as a data sheet has it
-    robot: RobotPreset  # How fast it is moved
-    number: int = 1  # From 1
-    seed: int = 0  # The run's seed
+    pad: Pad
+    calibration: Calibration  # nominal, of the data sheet
+    robot: RobotPreset  # speeds and delays of its motion
+    number: int = 1  # from 1
+    seed: int = 0  # of the run
 
     @property
     def stiffness(self) -> float:
-        """Pressure for each metre of compression, N/m3 (Winkler)."""
+        """Pressure per compression [N/m3] (Winkler)."""
         return self.calibration.taxel_stiffness / self.pad.pitch**2
 
 
 @dataclass(slots=True, eq=False)
 class SimulatedTouch:
-    """One touch, as far as it has come. Stages write into it, one after the other.
+    """One touch in progress. The stages write into it, one after the other.
 
     Arrays are replaced, never written into: they may be shared.
     """
 
-    shape: Shape  # What may be met
-    number: int  # Counts the finger's touches from 0; chooses the random draws
-    # Pose in which the arm believes the pad to be: first where the move starts, then where it
-    # ended.
-    believed: Pose
-    actual: Pose  # In which the pad is
-    reach: float  # Longest way to first contact, m
-    depth: float  # Compression at which the move stops, m
-    begun: float  # Robot time at which the move starts, s
-    previous: float  # Robot time at the end of the touch before, s; 0 at first
+    shape: Shape  # that the pad may meet
+    number: int  # counts the finger's touches from 0; selects the random draws
+    believed: Pose  # of the pad by the arm's sensors: at the start, later at the end of the move
+    actual: Pose  # of the pad
+    reach: float  # [m] longest distance to first contact
+    depth: float  # [m] compression at which the move stops
+    begun: float  # [s] robot time at the start of the move
+    previous: float  # [s] robot time at the end of the touch before; 0 at first
 
-    outcome: TouchOutcome = "miss"  # How the move ended
-    advance: float = 0.0  # Way travelled, m
-    time: float = 0.0  # Robot time at the end of the touch, s
-    rest: float = 0.0  # How long the pad was free before it met the surface, s
-    loading: float = 0.0  # How long it was being pressed until the move stopped, s
-    dwell: float = 0.0  # How long it then stayed until the frame was taken, s
+    outcome: TouchOutcome = "miss"
+    advance: float = 0.0  # [m] distance travelled
+    time: float = 0.0  # [s] robot time at the end of the touch
+    rest: float = 0.0  # [s] from the last touch to contact
+    loading: float = 0.0  # [s] from contact to the end of the move
+    dwell: float = 0.0  # [s] from the end of the move to the frame
 
-    # How far the rigid surface would enter the undeformed pad, (rows, cols), m: negative over a
-    # gap, -inf where there is nothing. Then the pad's compression, m, the pressure on it, N/m2, and
-    # the compression that the array reports, m.
-    indentation: Floats = field(default_factory=lambda: NOTHING)
-    compression: Floats = field(default_factory=lambda: NOTHING)
-    pressure: Floats = field(default_factory=lambda: NOTHING)
-    reading: Floats = field(default_factory=lambda: NOTHING)
-    copies: int = 1  # How often its frame is sent
+    # Depth of the rigid surface in the undeformed pad, (rows, cols) [m]: negative over a gap, -inf
+    # where there is no surface.
+    indentation: Floats = field(default_factory=lambda: NO_IMAGE)
+    compression: Floats = field(default_factory=lambda: NO_IMAGE)  # of the pad [m]
+    pressure: Floats = field(default_factory=lambda: NO_IMAGE)  # on the pad [N/m2]
+    reading: Floats = field(default_factory=lambda: NO_IMAGE)  # compression by the array [m]
+    copies: int = 1  # of the frame that are sent
 
 
 class KeyedRandom:
-    """Random numbers of the effect `name` on a finger, told apart by the number of the touch.
+    """Random numbers of the effect `name` on a finger, one stream for each touch.
 
     Philox is a counter-based generator: the numbers of a touch follow from (seed, fingertip,
-    effect, number of the touch) and from nothing that happened before. So no effect can shift
-    another's draws, a state never hides in a generator, and any touch can be drawn again by itself.
+    effect, number of the touch) alone. So no effect shifts another's draws, generators have no
+    hidden state, and the draws of any touch can be repeated.
     Salmon, Moraes, Dror and Shaw, *Parallel random numbers: as easy as 1, 2, 3*, 2011.
     """
 
@@ -261,11 +262,11 @@ class KeyedRandom:
         self._state = self._philox.state
 
     def once(self) -> Generator:
-        """For what is drawn once, when the finger is made; valid until the next call."""
+        """Generator for values drawn once per finger; valid until the next call."""
         return self._at(0)
 
     def of_touch(self, number: int) -> Generator:
-        """For the touch of this number; valid until the next call."""
+        """Generator for the touch of this number; valid until the next call."""
         return self._at(number + 1)
 
     def _at(self, position: int) -> Generator:

@@ -32,10 +32,10 @@ class EdgeSlopeSettings:
 
 
 class SurfacePoints(NamedTuple):
-    """Where one touch met the surface, outer frame."""
+    """Surface points of one touch, outer frame."""
 
     points: Floats  # (n, 3) [m]
-    normals: Floats  # Outward unit normals, (n, 3)
+    normals: Floats  # outward unit normals, (n, 3)
 
 
 def surface_points(
@@ -49,8 +49,8 @@ def surface_points(
     """Surface points under the touched taxels of one touch, and normals from the jet.
 
     `pose` is the pad's in the world, `surface` (rows, cols) lies over the plane of its face,
-    m. Without a jet the normal is the pad's own. Next to an edge, which it does not follow, normals
-    are those of the taxels beside it; a taxel whose normal nobody can tell is left out.
+    [m]. Without a jet the normal is the pad's own. Next to an edge, which the jet does not follow,
+    normals are those of planes beside it; a taxel without a reliable normal is left out.
     """
     x, y = pad.grid()
     slopes = np.zeros((2, *x.shape))
@@ -70,9 +70,9 @@ def surface_points(
 def _edge_slopes(
     surface: Floats, smooth: Floats, touched: Bools, pitch: float, settings: EdgeSlopeSettings
 ) -> EdgeSlopes:
-    """Slopes next to edges of heights (rows, cols), m, which a smooth surface was fitted to."""
-    followed_all = np.abs(surface - smooth)[touched].max(initial=0.0) <= settings.min_misfit * pitch
-    if followed_all or min(surface.shape) < settings.square_side:
+    """Slopes next to edges of heights (rows, cols) [m] to which a smooth surface was fitted."""
+    is_smooth = np.abs(surface - smooth)[touched].max(initial=0.0) <= settings.min_misfit * pitch
+    if is_smooth or min(surface.shape) < settings.square_side:
         none = np.zeros(surface.shape, np.bool_)
         return EdgeSlopes(np.zeros((2, *surface.shape)), none, none)
     steps = pitch * (np.arange(settings.square_side) - settings.square_side // 2)
@@ -86,29 +86,31 @@ def _edge_slopes(
     along_x = np.einsum("ijkl,l->ij", squares, steps) / spread
     along_y = np.einsum("ijkl,k->ij", squares, steps) / spread
     plane = along_y[..., None, None] * steps[:, None] + along_x[..., None, None] * steps
-    left = squares - squares.mean(axis=(2, 3), keepdims=True) - plane
-    off = np.where(np.isnan(along_x), np.inf, np.sqrt(np.mean(left**2, axis=(2, 3))))
-    smooth_off = np.sqrt(np.mean(missed**2, axis=(2, 3)))
-    best = _best_square(off, settings)
-    chosen, followed = off.ravel()[best], smooth_off.ravel()[best]
-    found = touched & np.isfinite(chosen)
-    edge = found & (followed > settings.edge_ratio * chosen + settings.min_misfit * pitch)
-    alone = np.abs(surface - smooth)
-    known = chosen[found] if found.any() else alone[touched]
-    usual = float(np.median(known)) if known.size else 0.0
-    left = np.where(found, np.fmin(chosen, followed), alone)
+    residual = squares - squares.mean(axis=(2, 3), keepdims=True) - plane
+    misfit = np.where(np.isnan(along_x), np.inf, np.sqrt(np.mean(residual**2, axis=(2, 3))))
+    smooth_misfit = np.sqrt(np.mean(missed**2, axis=(2, 3)))
+    best = _best_square(misfit, settings)
+    chosen, smooth_chosen = misfit.ravel()[best], smooth_misfit.ravel()[best]
+    has_plane = touched & np.isfinite(chosen)
+    edge = has_plane & (smooth_chosen > settings.edge_ratio * chosen + settings.min_misfit * pitch)
+    offset = np.abs(surface - smooth)
+    reference = chosen[has_plane] if has_plane.any() else offset[touched]
+    usual = float(np.median(reference)) if reference.size else 0.0
+    residual = np.where(has_plane, np.fmin(chosen, smooth_chosen), offset)
     unknown = (
-        touched & ~edge & (left > settings.max_misfit_ratio * usual + settings.min_misfit * pitch)
+        touched
+        & ~edge
+        & (residual > settings.max_misfit_ratio * usual + settings.min_misfit * pitch)
     )
     return EdgeSlopes(np.stack([along_x.ravel()[best], along_y.ravel()[best]]), edge, unknown)
 
 
 def _best_square(
-    off: Floats, settings: EdgeSlopeSettings
+    misfit: Floats, settings: EdgeSlopeSettings
 ) -> np.ndarray[tuple[int, int], np.dtype[np.int64]]:
-    """For each taxel, the number of the square with it in which `off` (a, b) is least."""
-    rows, cols = off.shape
-    around = np.pad(off, settings.square_side - 1, constant_values=np.inf)
+    """For each taxel, the index of the square with it whose misfit (a, b) is least."""
+    rows, cols = misfit.shape
+    around = np.pad(misfit, settings.square_side - 1, constant_values=np.inf)
     numbers = np.pad(np.arange(rows * cols).reshape(rows, cols), settings.square_side - 1)
     choices, numbers = (
         sliding_window_view(one, (settings.square_side, settings.square_side)).reshape(
@@ -120,8 +122,8 @@ def _best_square(
 
 
 class EdgeSlopes(NamedTuple):
-    """Of each taxel of an array (rows, cols)."""
+    """Slopes of an array's taxels (rows, cols) from planes beside edges."""
 
-    slopes: Floats  # Along the columns and along the rows, (2, rows, cols)
-    edge: Bools  # Where they are to be believed rather than the smooth surface's
-    unknown: Bools  # Where neither is to be believed
+    slopes: Floats  # along the columns and along the rows, (2, rows, cols)
+    edge: Bools  # where these are better than the smooth surface's
+    unknown: Bools  # where neither is reliable

@@ -1,10 +1,10 @@
 """Gains and offsets of taxels and the speed of sound, from touches of known shapes.
 
-Each taxel reads ``a c + o`` where the compression is c. The compression is known up to the error of
-the arm's pose: a shift along the pad's normal and two tilts, common to all taxels of a touch.
-Gains, offsets and these nuisances are estimated together; the nuisances have a normal prior whose
-spread is estimated as well, for without one no touch could tell a stiff sensor from a shallow
-press. (scipy.sparse: only calibration imports this.)
+Each taxel reads ``a c + o`` at a compression c, which is known up to the error of the arm's pose: a
+shift along the pad's normal and two tilts, common to all taxels of a touch. Gains, offsets and
+these nuisances are estimated together; the nuisances have a normal prior whose spread is estimated
+as well, because without it a stiff sensor and a shallow press are equivalent. (scipy.sparse: only
+calibration imports it.)
 """
 
 from __future__ import annotations
@@ -23,121 +23,138 @@ from palpate.reprs import readable
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-LEAST_PRESSES = 4  # A taxel needs this many presses for a gain and an offset of its own
-LEAST_KNOWN = 0.15e-3  # Compressions below are left out, m: an error of pose may have lifted it
-DEAD_GAIN = 0.3  # A taxel that answers with less of what it is pressed by is not trusted
-STUCK = 0.2e-3  # Nor is one that reads more than this beside the others when nothing is touched, m
-SWEEPS = 8
-LEAST_NOISE = 1e-7  # No array is quieter, m: a prior would count for nothing beside the readings
-LEAST_REACHED = 16
-FAR = 6.0  # Free readings farther off than this many scales are impulses
-OUTLIER = 4.5  # Readings farther off than this many standard deviations are left out
-FIRST_POSE, FIRST_TILT = 0.1e-3, 2e-3  # First spread of the pose's error, m and rad
-FIRST_GAIN, FIRST_OFFSET = 0.03, 10e-6  # Likewise of departures from common gain and offset, 1, m
-UNIT = 1e-3  # Compressions are in mm where gains are solved for: all columns are alike
+MILLIMETRE = 1e-3  # [m] unit of compression where gains are solved for: scales columns alike
 TaxelIndices = NDArray[np.signedinteger]
-LEAST_SPREAD = 1e-9  # m
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TaxelSettings:
+    """Which taxels and readings a calibration uses, and its initial guess."""
+
+    min_presses: int = 4  # of a taxel with a gain and an offset of its own
+    min_taxels: int = 16  # pressed so often
+    min_known: float = (
+        0.15e-3  # [m] compression; pose errors may have lifted the pad from smaller ones
+    )
+    min_gain: float = 0.3  # reading over compression of a trusted taxel, median
+    max_free_offset: float = 0.2e-3  # [m] of a trusted taxel from the median, in free frames
+    min_noise: float = 1e-7  # [m] of a taxel; without it priors vanish beside the readings
+    free_outlier_sigmas: float = 6.0  # free readings farther off are impulses
+    outlier_sigmas: float = 4.5  # residuals farther off are left out
+    n_sweeps: int = 8  # linearisations
+    # Initial standard deviations, which the sweeps replace.
+    pose_spread: float = 0.1e-3  # [m] of the pose along the pad's normal
+    tilt_spread: float = 2e-3  # [rad] of the pose
+    gain_spread: float = 0.03  # of a taxel's gain from the common one
+    offset_spread: float = 10e-6  # [m] of a taxel's offset from the common one
+    min_spread: float = 1e-9  # [m] or [mm], lower bound of learnt ones and of noise steps
 
 
 @readable
 @dataclass(frozen=True, slots=True, eq=False)
 class CalibrationEstimate:
-    """A calibration, and how sure it is."""
+    """A calibration and its standard errors."""
 
-    gain: Floats  # Correction of each taxel, (taxels,); 0 if it is not to be trusted
-    gain_error: Floats  # Standard errors; 0 where not trusted, nan where the taxel was not reached
-    offset: Floats  # What is added after that, (taxels,), m
-    offset_error: Floats  # Standard errors, m
-    sound_speed: float  # In the pad, m/s; that of the data sheet if the array sends forces
-    sound_speed_error: float  # Standard error, m/s
-    noise: float  # Standard deviation of one taxel, m
+    gain: Floats  # correction of each taxel, (taxels,); 0 if it is not trusted
+    gain_error: Floats  # standard errors; 0 where not trusted, nan where the taxel was not reached
+    offset: Floats  # added after the gain, (taxels,) [m]
+    offset_error: Floats  # standard errors [m]
+    sound_speed: float  # [m/s] in the pad; that of the data sheet if the array sends forces
+    sound_speed_error: float  # [m/s] standard error
+    noise: float  # [m] standard deviation of one taxel
     trusted: Bools  # (taxels,)
-    reached: Bools  # Which trusted taxels were pressed often enough for an own gain, (taxels,)
-    pose_error: float  # Standard deviation of the arm's error along the pad's normal, m
-    residual: float  # Root mean square of what is left of the readings used, m
-    condition: float  # Of the system that was solved
+    reached: Bools  # trusted taxels pressed often enough for a gain of their own, (taxels,)
+    pose_error: float  # [m] standard deviation of the arm's error along the pad's normal
+    residual: float  # [m] root mean square of the residuals of the readings used
+    condition: float  # of the solved system
 
 
 def estimate_calibration(
-    presses: CalibrationTouches, x: Floats, y: Floats, data_sheet: Calibration
+    presses: CalibrationTouches,
+    x: Floats,
+    y: Floats,
+    data_sheet: Calibration,
+    settings: TaxelSettings = TaxelSettings(),
 ) -> CalibrationEstimate:
     """Gain and offset of each taxel, speed of sound, and noise.
 
-    `x`, `y` (taxels,): where the taxels are, m. Raises ValueError if too few taxels answer to being
-    pressed. Fung, 1999, section 3.4.1, asks for "careful sensor calibration" and says no more. With
-    times of flight a wrong speed of sound is a gain common to all taxels: the common gain is given
-    to the speed, the rest to the taxels, as is whatever else is common, as creep.
+    `x`, `y` (taxels,): positions of the taxels [m]. Raises ValueError if too few taxels respond to
+    presses. Fung, 1999, section 3.4.1, asks for "careful sensor calibration" without a method. With
+    times of flight a wrong speed of sound is a gain common to all taxels: the speed takes the
+    common gain, and the taxels take the rest, with all else that is common, such as creep.
     """
-    found = _look(presses)
-    fit = TaxelFit(presses, x, y, found)
+    initial = _initial_estimate(presses, settings)
+    fit = TaxelFit(presses, x, y, initial, settings)
     try:
-        for _ in range(SWEEPS):
+        for _ in range(settings.n_sweeps):
             fit.sweep()
     except np.linalg.LinAlgError:
-        raise ValueError("the readings do not tell gains from errors of the pose") from None
-    return _estimate(fit, found, data_sheet)
+        raise ValueError("the readings do not separate gains from errors of the pose") from None
+    return _estimate(fit, initial, data_sheet)
 
 
-def _look(presses: CalibrationTouches) -> InitialEstimate:
-    """What each taxel reads at rest, whom to trust, and how noisy they are."""
+def _initial_estimate(presses: CalibrationTouches, settings: TaxelSettings) -> InitialEstimate:
+    """Readings of the taxels at rest, the trusted taxels, and their noise."""
     middle = np.median(presses.free, axis=0)
-    trusted = _trusted(presses, middle)
-    used = (presses.known > LEAST_KNOWN) & trusted
-    reached = trusted & (used.sum(axis=0) >= LEAST_PRESSES)
-    if reached.sum() < LEAST_REACHED:
+    trusted = _trusted(presses, middle, settings)
+    used = (presses.known > settings.min_known) & trusted
+    reached = trusted & (used.sum(axis=0) >= settings.min_presses)
+    if reached.sum() < settings.min_taxels:
         raise ValueError(
-            f"only {int(reached.sum())} taxels answer to being pressed {LEAST_PRESSES} times or "
-            f"more; {LEAST_REACHED} are needed"
+            f"only {int(reached.sum())} taxels respond to {settings.min_presses} presses or "
+            f"more; {settings.min_taxels} are needed"
         )
-    noise = max(_noise((presses.free - middle)[:, trusted]), LEAST_NOISE)
-    near = np.abs(presses.free - middle) <= FAR * noise
+    noise = max(_noise((presses.free - middle)[:, trusted], settings), settings.min_noise)
+    near = np.abs(presses.free - middle) <= settings.free_outlier_sigmas * noise
     rest = np.where(near, presses.free, 0.0).sum(axis=0) / np.maximum(near.sum(axis=0), 1)
     return InitialEstimate(rest, trusted, reached, used & reached, noise)
 
 
-def _trusted(presses: CalibrationTouches, offset: Floats) -> Bools:
-    """Which taxels answer to pressing, and only to pressing."""
-    pressed = presses.known > LEAST_KNOWN
+def _trusted(presses: CalibrationTouches, offset: Floats, settings: TaxelSettings) -> Bools:
+    """Which taxels respond to presses, and to presses only."""
+    pressed = presses.known > settings.min_known
     with np.errstate(invalid="ignore", divide="ignore"):
         share = np.where(pressed, (presses.read - offset) / presses.known, np.nan)
-    answering = np.ones(len(offset), bool)
+    responding = np.ones(len(offset), bool)
     some = pressed.any(axis=0)
-    answering[some] = np.nanmedian(share[:, some], axis=0) > DEAD_GAIN
-    result: Bools = answering & (np.abs(offset - np.median(offset)) < STUCK)
+    responding[some] = np.nanmedian(share[:, some], axis=0) > settings.min_gain
+    is_quiet = np.abs(offset - np.median(offset)) < settings.max_free_offset
+    result: Bools = responding & is_quiet
     return result
 
 
-def _noise(scatter: Floats) -> float:
+def _noise(scatter: Floats, settings: TaxelSettings) -> float:
     """Standard deviation of one taxel, without impulses.
 
-    Of a frame that is counted in coarse steps most readings are alike, and the median of their
-    scatter is 0: then the smallest step that is seen says what is far off.
+    In a frame that is quantised in coarse steps most readings are equal, and the median of their
+    scatter is 0: then the smallest step is the scale of outliers.
     """
-    frames, off = len(scatter), np.abs(scatter)
-    steps = off[off > LEAST_SPREAD]
-    scale = max(scaled_mad(off), float(steps.min(initial=np.inf)))
+    frames, offset = len(scatter), np.abs(scatter)
+    steps = offset[offset > settings.min_spread]
+    scale = max(scaled_mad(offset), float(steps.min(initial=np.inf)))
     if not math.isfinite(scale):
         return 0.0
-    lost = math.sqrt(frames / max(frames - 1, 1))  # each taxel's own middle was taken away
-    return lost * float(np.sqrt(np.mean(scatter[off <= FAR * scale] ** 2)))
+    bessel = math.sqrt(frames / max(frames - 1, 1))  # each taxel's own middle was subtracted
+    inliers = scatter[offset <= settings.free_outlier_sigmas * scale]
+    return bessel * float(np.sqrt(np.mean(inliers**2)))
 
 
 def _estimate(
-    fit: TaxelFit, found: InitialEstimate, data_sheet: Calibration
+    fit: TaxelFit, initial: InitialEstimate, data_sheet: Calibration
 ) -> CalibrationEstimate:
     misfit = max(fit.residual / fit.noise, 1.0)
-    common, common_offset = 1.0 + fit.shared[0] / UNIT, fit.shared[1]
+    common, common_offset = 1.0 + fit.shared[0] / MILLIMETRE, fit.shared[1]
     by_time = data_sheet.signal == "time"
     ratio = 1.0 / common if by_time else 1.0  # of the speed to that of the data sheet
-    answer, rest = np.full(len(found.rest), common), found.rest.copy()
-    answer[fit.taxels] += fit.own[0] / UNIT
+    answer, rest = np.full(len(initial.rest), common), initial.rest.copy()
+    answer[fit.taxels] += fit.own[0] / MILLIMETRE
     rest[fit.taxels] = common_offset + fit.own[1]
-    gain = np.where(found.trusted, 1.0 / (ratio * answer), 0.0)
+    gain = np.where(initial.trusted, 1.0 / (ratio * answer), 0.0)
     lifted = data_sheet.thickness * (1.0 - ratio)
-    gain_error = np.where(found.trusted, np.nan, 0.0)
-    offset_error = np.where(found.trusted, found.noise / math.sqrt(len(fit.presses.free)), 0.0)
+    gain_error = np.where(initial.trusted, np.nan, 0.0)
+    offset_error = np.where(initial.trusted, initial.noise / math.sqrt(len(fit.presses.free)), 0.0)
     errors = misfit * np.sqrt(fit.own_variance)
-    gain_error[fit.taxels] = errors[0] / UNIT / common
+    gain_error[fit.taxels] = errors[0] / MILLIMETRE / common
     offset_error[fit.taxels] = errors[1]
     speed_error = data_sheet.sound_speed * misfit * math.sqrt(fit.shared_variance[0])
     return CalibrationEstimate(
@@ -146,10 +163,10 @@ def _estimate(
         offset=-(lifted + ratio * rest) * gain,
         offset_error=offset_error,
         sound_speed=data_sheet.sound_speed * ratio,
-        sound_speed_error=ratio**2 * speed_error / UNIT if by_time else 0.0,
-        noise=max(found.noise, fit.residual),
-        trusted=found.trusted,
-        reached=found.reached,
+        sound_speed_error=ratio**2 * speed_error / MILLIMETRE if by_time else 0.0,
+        noise=max(initial.noise, fit.residual),
+        trusted=initial.trusted,
+        reached=initial.reached,
         pose_error=float(fit.spread[0]),
         residual=fit.residual,
         condition=fit.condition,
@@ -157,66 +174,76 @@ def _estimate(
 
 
 class CalibrationTouches(NamedTuple):
-    """Touches of known things."""
+    """Compressions of the taxels in touches of known shapes."""
 
-    known: Floats  # Of the known shape and the believed pose, (touches, taxels), m
-    read: Floats  # What the data sheet makes of the signal, (touches, taxels), m
-    free: Floats  # The same when nothing was touched, (frames, taxels), m
+    known: Floats  # from shape and believed pose, (touches, taxels) [m]
+    read: Floats  # from the signal, by the data sheet, (touches, taxels) [m]
+    free: Floats  # the same without contact, (frames, taxels) [m]
 
 
 class InitialEstimate(NamedTuple):
-    """What is seen before anything is fitted."""
+    """Estimates before the fit."""
 
-    rest: Floats  # What each taxel reads if nothing is touched, (taxels,), m
+    rest: Floats  # reading of each taxel without contact, (taxels,) [m]
     trusted: Bools  # (taxels,)
-    reached: Bools  # Trusted, and pressed often enough, (taxels,)
-    used: Bools  # The readings to fit, (touches, taxels)
-    noise: float  # Standard deviation of one taxel, m
+    reached: Bools  # trusted, and pressed often enough, (taxels,)
+    used: Bools  # readings to fit, (touches, taxels)
+    noise: float  # [m] standard deviation of one taxel
 
 
 class TaxelFit:
-    """The joint least squares: a gain and an offset a taxel, three nuisances a touch.
+    """The joint least squares: a gain and an offset for each taxel, three nuisances for each touch.
 
-    A taxel's gain is a common one and its own departure from that, and so is its offset; the
-    departures have a normal prior whose spread is learnt, so that what cannot be told from noise
-    stays at nothing. Given all else the taxels do not depend on each other, so that they are
-    eliminated two by two, and a small dense system is left.
+    A taxel's gain is the sum of a common one and its own departure, and so is its offset; the
+    departures have a normal prior whose spread is learnt, so that departures within noise shrink to
+    0. Without the common parameters taxels are independent: their two unknowns are eliminated, and
+    a small dense system remains.
     """
 
-    def __init__(self, presses: CalibrationTouches, x: Floats, y: Floats, found: InitialEstimate):
-        self.presses, self.noise, self.used = presses, found.noise, found.used
+    def __init__(
+        self,
+        presses: CalibrationTouches,
+        x: Floats,
+        y: Floats,
+        initial: InitialEstimate,
+        settings: TaxelSettings,
+    ):
+        self.presses, self.settings = presses, settings
+        self.noise, self.used = initial.noise, initial.used
         self.size = max(float(np.abs(x).max()), float(np.abs(y).max()))
         self.basis = np.stack([np.ones_like(x), x / self.size, y / self.size], axis=-1)
-        self.taxels = np.flatnonzero(found.reached)
+        self.taxels = np.flatnonzero(initial.reached)
         self.count = len(self.taxels)
         self.number = np.full(len(x), -1)
         self.number[self.taxels] = np.arange(self.count)
-        self.rest = found.rest[self.taxels]
+        self.rest = initial.rest[self.taxels]
         touches = len(presses.known)
-        self.own = np.zeros((2, self.count))  # departures: gain in 1 / UNIT, offset
+        self.own = np.zeros((2, self.count))  # departures: gain times MILLIMETRE, offset
         self.own_variance = np.zeros((2, self.count))
         self.shared = np.zeros(2 + 3 * touches)  # common gain and offset, then nuisances
         self.shared_variance = np.zeros_like(self.shared)
-        self.spread = np.array([FIRST_POSE, FIRST_TILT * self.size, FIRST_TILT * self.size])
-        self.own_spread = np.array([FIRST_GAIN * UNIT, FIRST_OFFSET])
-        self.dropped = np.zeros_like(found.used)
+        tilt = settings.tilt_spread * self.size
+        self.spread = np.array([settings.pose_spread, tilt, tilt])
+        self.own_spread = np.array([settings.gain_spread * MILLIMETRE, settings.offset_spread])
+        self.dropped = np.zeros_like(initial.used)
         self.residual = self.condition = 0.0
 
     def sweep(self) -> None:
-        """Linearise about the last nuisances, solve, drop outliers, learn the spreads."""
+        """Linearise about the last nuisances, solve, drop outliers, and learn the spreads."""
         touch, taxel = np.nonzero(self.used & ~self.dropped)
         known = self.presses.known[touch, taxel]
         nuisance = self.shared[2:].reshape(-1, 3)
         shift = np.einsum("ij,ij->i", nuisance[touch], self.basis[taxel])
-        pressed, at = (known + shift) / UNIT, self.number[taxel]
+        pressed, at = (known + shift) / MILLIMETRE, self.number[taxel]
         # a (known + nuisance) + o, linear in gain, offset and nuisance about the last one.
         left = self.presses.read[touch, taxel] - known
         self._solve(at, pressed, self._shared_columns(touch, taxel, pressed), left)
-        self._judge()
+        self._drop_outliers()
         squares = self.shared[2:] ** 2 + self.shared_variance[2:]
-        self.spread = np.maximum(np.sqrt(squares.reshape(-1, 3).mean(axis=0)), LEAST_SPREAD)
+        least = self.settings.min_spread
+        self.spread = np.maximum(np.sqrt(squares.reshape(-1, 3).mean(axis=0)), least)
         learnt = np.sqrt((self.own**2 + self.own_variance).mean(axis=1))
-        self.own_spread = np.maximum(learnt, LEAST_SPREAD)
+        self.own_spread = np.maximum(learnt, least)
 
     def _shared_columns(
         self, touch: TaxelIndices, taxel: TaxelIndices, pressed: Floats
@@ -233,9 +260,9 @@ class TaxelFit:
         return csr_array((values.ravel(), columns.ravel(), ends), shape=shape)
 
     def _solve(self, at: TaxelIndices, pressed: Floats, system: csr_array, left: Floats) -> None:
-        """Eliminate the taxels; then Cholesky. Priors keep both definite.
+        """Eliminate the taxels, then solve by Cholesky; priors keep both definite.
 
-        The offsets at rest, the mean of the free frames, are readings as well.
+        The offsets at rest, means of the free frames, are readings as well.
         """
         from scipy.linalg import cho_factor, cho_solve
         from scipy.sparse import csr_array
@@ -272,15 +299,16 @@ class TaxelFit:
         self.own_variance = self.noise**2 * (alone + along)
         self.shared_variance = self.noise**2 * np.diag(inverse)
 
-    def _judge(self) -> None:
-        """Judge all readings anew: what stands off is left out of the next sweep."""
+    def _drop_outliers(self) -> None:
+        """Leave readings with large residuals out of the next sweep."""
         touch, taxel = np.nonzero(self.used)
         at, nuisance = self.number[taxel], self.shared[2:].reshape(-1, 3)
         pressed = self.presses.known[touch, taxel]
         pressed = pressed + np.einsum("ij,ij->i", nuisance[touch], self.basis[taxel])
-        gain = 1.0 + (self.shared[0] + self.own[0][at]) / UNIT
+        gain = 1.0 + (self.shared[0] + self.own[0][at]) / MILLIMETRE
         offset = self.shared[1] + self.own[1][at]
         residual = self.presses.read[touch, taxel] - gain * pressed - offset
-        bad = np.abs(residual) > OUTLIER * max(scaled_mad(residual), self.noise)
+        scale = max(scaled_mad(residual), self.noise)
+        bad = np.abs(residual) > self.settings.outlier_sigmas * scale
         self.residual = float(np.sqrt(np.mean(residual[~bad] ** 2)))
         self.dropped[touch, taxel] = bad

@@ -1,4 +1,4 @@
-"""An object that a hand sets down on another side: how it lies then, which nobody is told."""
+"""True pose of an object after a hand has set it down on another side."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ DOWN.setflags(write=False)
 
 @dataclass(frozen=True, slots=True)
 class TurnSettings:
-    """What a hand does when it turns an object over, and by how much it errs."""
+    """Motion of a hand that turns an object over, and its errors."""
 
-    shift: float = 2.0e-3  # [m] standard deviation along both level axes of where it is set down
+    shift: float = 2.0e-3  # [m] standard deviation of its place along both horizontal axes
     tilt: float = math.radians(2.0)  # [rad] about each axis, before the object comes to rest
-    spin: float = math.pi  # [rad] largest turn about the vertical, to either side, evenly drawn
-    lift: float = 0.15  # [m] by which it is lifted, and let down again
-    grip: float = 0.02  # [m] way of the fingers to it: once to grip it, once to let it go
+    spin: float = math.pi  # [rad] largest turn about the vertical, to either side, uniform
+    lift: float = 0.15  # [m] up, and down again
+    grip: float = 0.02  # [m] of the fingers to it, and back
 
 
 TURNING = TurnSettings()
@@ -38,10 +38,10 @@ def set_down(
     number: int,
     settings: TurnSettings = TURNING,
 ) -> Pose:
-    """Pose in the world of an object that was to be set down at another, and rests on a side of it.
+    """True pose, in the world, of an object that a hand sets down at `asked` with some error.
 
-    `resting`: its hull, in its own frame. `platform`: height on which it is set down [m]. `seed`,
-    `number`: of the run, and how often it was turned over; they choose how the hand errs.
+    It rests on a side of its hull (`resting`, in its own frame) at the height `platform` [m].
+    `seed` of the run and `number` of the turn select the hand's errors.
     """
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(crc32(b"turn"), number)))
     tilt, shift = settings.tilt * rng.normal(size=3), settings.shift * rng.normal(size=2)
@@ -56,6 +56,6 @@ def set_down(
     return Pose(np.array([place[0] + shift[0], place[1] + shift[1], platform - lowest]), axes)
 
 
-def turning_way(settings: TurnSettings = TURNING) -> tuple[float, float]:
-    """Way of the hand, and of its fingers to the object, when it turns it over [m]."""
+def turning_distances(settings: TurnSettings = TURNING) -> tuple[float, float]:
+    """Distances that the hand and its fingers travel to turn the object over [m]."""
     return 2.0 * settings.lift, 2.0 * settings.grip

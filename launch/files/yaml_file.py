@@ -33,7 +33,7 @@ from ruamel.yaml.events import (
 )
 from ruamel.yaml.nodes import ScalarNode
 
-from palpate.core.plugins import UNITS, in_base_unit, ranges_of, told_error
+from palpate.core.plugins import UNITS, describe_error, in_base_unit, ranges_of
 from palpate.launch.files.file_access import read_bounded
 from palpate.launch.files.source_map import (
     InputError,
@@ -210,7 +210,9 @@ def convert(document: SourceMapped, wanted: type[Target], name: str = "") -> Tar
     except msgspec.ValidationError as error:
         raise _complaint(document, wanted, name, str(error)) from None
     except Exception as error:  # a user's own class may raise anything
-        raise document.error((), f"{wanted.__name__} cannot be made: {told_error(error)}") from None
+        raise document.error(
+            (), f"{wanted.__name__} cannot be made: {describe_error(error)}"
+        ) from None
 
 
 def _refuse_unknown(

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from palpate.core.arrays import Floats, Ints
 from palpate.core.poses import Pose
-from palpate.core.touch import CONTACT, contact_mask
+from palpate.core.touch import DEFAULT_CONTACT, contact_mask
 from palpate.messages.types import SensorInfo, SequenceEnd, TactileFrame
 from palpate.nodes.specs import sensors
 
@@ -317,7 +317,9 @@ def tactile_frame(
             f"frame {touch}: the pad is compressed by {deepest:.3g} m, but is {pad.thickness:g} m "
             "thick; are the numbers in mm? Then scale is 0.001"
         )
-    is_pressed = bool(contact_mask(pad, compression, CONTACT, info.noise).any())
+    is_pressed = bool(
+        contact_mask(pad, compression, DEFAULT_CONTACT.min_compression, info.noise).any()
+    )
     is_bottomed = deepest >= pad.saturation * pad.thickness
     axes = Pose.from_array(pose).axes
     return TactileFrame(

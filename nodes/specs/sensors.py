@@ -13,7 +13,7 @@ from msgspec import Meta, Struct
 
 from palpate.core import touch
 from palpate.core.explore.tracing import TOUCH_DEPTH
-from palpate.core.plugins import in_base_units, told_error
+from palpate.core.plugins import describe_error, in_base_units
 from palpate.core.robot_time import RobotPreset
 from palpate.core.touch.effects import effect_type, rank
 from palpate.messages.types import SensorInfo
@@ -194,7 +194,7 @@ def _described(name: str, parameters: Mapping[str, Any]) -> touch.Effect:
     except ValueError as error:
         raise ValueError(f"effects.{name}: {error}") from None
     except Exception as error:  # a user's own class may raise anything
-        raise ValueError(f"the effect {name!r} cannot be made: {told_error(error)}") from error
+        raise ValueError(f"the effect {name!r} cannot be made: {describe_error(error)}") from error
 
 
 def build_pipeline(

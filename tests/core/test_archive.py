@@ -38,12 +38,12 @@ def again(tree: object) -> object:
     return archive.tree_from_arrays(kept(tree))
 
 
-def are_same(one: object, other: object) -> bool:
-    return np.array_equal(archive.tree_to_bytes(one), archive.tree_to_bytes(other))
+def are_same(first: object, second: object) -> bool:
+    return np.array_equal(archive.tree_to_bytes(first), archive.tree_to_bytes(second))
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_a_solid_comes_back_to_the_last_bit(method: str):
+def test_solid_round_trip_is_bit_identical(method: str):
     solid = solid_by(method)
     data = archive.tree_to_bytes(solid)
     assert data.dtype == np.uint8 and np.array_equal(data, archive.tree_to_bytes(solid))
@@ -107,8 +107,8 @@ def test_archives_name_classes_without_their_modules():
     assert [archive.class_name(kind) for kind in (moved, Foreign, int)] == [None] * 3
     arrays = kept(solid_by("skin"))  # with the older name of its class
     older = str(arrays[FORM]).replace('"class":"LatticeSolid"', '"class":"Solid"', 1)
-    found = archive.tree_from_arrays({**arrays, FORM: np.array(older)})
-    assert isinstance(found, rebuild.LatticeSolid) and older != str(arrays[FORM])
+    result = archive.tree_from_arrays({**arrays, FORM: np.array(older)})
+    assert isinstance(result, rebuild.LatticeSolid) and older != str(arrays[FORM])
 
 
 @dataclass
@@ -147,17 +147,17 @@ REFUSED: list[tuple[Callable[[], object], str]] = [
     *((lambda data=data: archive.arrays_from_bytes(np.frombuffer(data, np.uint8)), ".")
       for data in (b"", b"nothing", b"PK\x03\x04 and no more")),
     (lambda: kept(replace(solid_by("skin"), options=lambda evidence: None)),
-     "solid/options cannot be kept: it is a function"),
-    (lambda: kept((0, {"x": {1, 2}})), "solid/1/x cannot be kept: it is a set"),
+     "solid/options cannot be stored: it is a function"),
+    (lambda: kept((0, {"x": {1, 2}})), "solid/1/x cannot be stored: it is a set"),
     (lambda: kept({1: 2}), "solid must have texts as keys"),
     (lambda: kept(np.array([None])), "solid must be an array of numbers, got object"),
-    (lambda: kept(Foreign()), "cannot be kept: it is a Foreign"),
+    (lambda: kept(Foreign()), "cannot be stored: it is a Foreign"),
     *((lambda name=name: archive.class_named(name), "archives hold no class") for name in CODE),
     *((lambda name=name: read({"class": name, "fields": {}}), "archives hold no class")
       for name in CODE),
     *((lambda node=node: read(node), "solid of the archive has no meaning") for node in NODES),
     (lambda: read('{"version": 2, "tree": 1}'), "version must be 1, got 2"),
-    (lambda: read('{"version": 1}'), "must tell its version and its tree"),
+    (lambda: read('{"version": 1}'), "must have a version and a tree"),
     (lambda: read("{"), "must be JSON"),
     (lambda: read(f'{{"version":1,"tree":{DEEP}}}'), "too deeply|must be JSON"),
     (lambda: archive.tree_from_arrays({}), "must have the text 'form'"),
@@ -172,6 +172,6 @@ REFUSED: list[tuple[Callable[[], object], str]] = [
 
 
 @pytest.mark.parametrize(("call", "words"), REFUSED)
-def test_anything_else_is_refused(call: Callable[[], object], words: str):
+def test_invalid_archives_are_refused(call: Callable[[], object], words: str):
     with pytest.raises(ValueError, match=words):
         call()

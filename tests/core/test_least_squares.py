@@ -23,10 +23,10 @@ def solved(*start: float, low: Floats = -FREE, high: Floats = FREE, **options) -
 
 def test_each_of_many_problems_finds_its_minimum():
     starts = np.random.default_rng(0).uniform(-2, 2, (200, 2))
-    found = levenberg_marquardt(rosenbrock, starts, -FREE, FREE, steps=200)
-    assert found.converged.all() and found.cost.max() < 1e-16
-    assert np.abs(found.parameters - 1).max() < 1e-8
-    for start, end, steps in zip(starts[:20], found.parameters, found.steps, strict=False):
+    result = levenberg_marquardt(rosenbrock, starts, -FREE, FREE, steps=200)
+    assert result.converged.all() and result.cost.max() < 1e-16
+    assert np.abs(result.parameters - 1).max() < 1e-8
+    for start, end, steps in zip(starts[:20], result.parameters, result.steps, strict=False):
         alone = solved(*start, steps=200)
         assert alone.steps[0] == steps
         assert np.allclose(alone.parameters[0], end, rtol=0, atol=1e-12)
@@ -43,20 +43,20 @@ def test_each_of_many_problems_finds_its_minimum():
         ((5.0, 5.0), (0.8, 0.5), (np.sqrt(0.5), 0.5)),
     ],
 )
-def test_bounds_hold_and_the_rest_is_best_within_them(start, high, end):
-    found = solved(*start, high=np.array(high), steps=200)
+def test_solution_is_optimal_within_bounds(start, high, end):
+    result = solved(*start, high=np.array(high), steps=200)
     known = least_squares(
         lambda x: [10 * (x[1] - x[0] ** 2), 1 - x[0]], np.minimum(start, np.array(high) - 1e-9),
         bounds=(-np.inf, high), xtol=1e-15, ftol=1e-15, gtol=1e-15,
     )  # fmt: skip
-    assert (found.parameters[0] <= high).all() and found.converged[0]
-    assert found.cost[0] == pytest.approx(known.cost, rel=1e-6, abs=1e-15)
+    assert (result.parameters[0] <= high).all() and result.converged[0]
+    assert result.cost[0] == pytest.approx(known.cost, rel=1e-6, abs=1e-15)
     if end[0] != np.sqrt(0.5):
-        assert found.parameters[0] == pytest.approx(end, abs=1e-8)
+        assert result.parameters[0] == pytest.approx(end, abs=1e-8)
     assert solved(5.0, 5.0, high=np.ones(2), steps=0).parameters[0].tolist() == [1.0, 1.0]
 
 
-def test_the_path_does_not_depend_on_units():
+def test_path_does_not_depend_on_units():
     scale = np.array([1e-6, 1e5])
 
     def scaled(parameters: Floats, rows: Ints) -> tuple[Floats, Floats]:
@@ -81,31 +81,31 @@ def test_losses_lead_to_scipys_minima(ours, theirs: str):
     def line(parameters: Floats, numbers: Ints) -> tuple[Floats, Floats]:
         return parameters @ rows.T - values, np.broadcast_to(rows, (len(numbers), 40, 2))
 
-    found = levenberg_marquardt(line, np.zeros((1, 2)), -FREE, FREE, loss=ours, steps=200)
+    result = levenberg_marquardt(line, np.zeros((1, 2)), -FREE, FREE, loss=ours, steps=200)
     known = least_squares(lambda x: rows @ x - values, [0, 0], loss=theirs, f_scale=0.1, xtol=1e-14)
-    assert found.converged[0]
-    assert found.parameters[0] == pytest.approx(known.x, abs=1e-6)
-    assert found.cost[0] == pytest.approx(known.cost, rel=1e-9)
+    assert result.converged[0]
+    assert result.parameters[0] == pytest.approx(known.x, abs=1e-6)
+    assert result.cost[0] == pytest.approx(known.cost, rel=1e-9)
     squared, step = np.linspace(0.01, 3, 30), 1e-6
     slope = (ours(squared + step)[0] - ours(squared - step)[0]) / (2 * step)
     assert ours(squared)[1] == pytest.approx(slope, abs=1e-7)
 
 
-def test_a_parameter_without_effect_stays():
+def test_parameter_without_effect_stays():
     def problem(parameters: Floats, rows: Ints) -> tuple[Floats, Floats]:
         jacobian = np.zeros((len(rows), 3, 2))
         jacobian[:, :, 0] = 1.0
         return parameters[:, :1] - np.array([1.0, 2.0, 3.0]), jacobian
 
-    found = levenberg_marquardt(problem, np.array([[9.0, 7.0]]), -FREE, FREE)
-    assert found.converged[0]
-    assert found.parameters[0] == pytest.approx([2.0, 7.0], abs=1e-9)
+    result = levenberg_marquardt(problem, np.array([[9.0, 7.0]]), -FREE, FREE)
+    assert result.converged[0]
+    assert result.parameters[0] == pytest.approx([2.0, 7.0], abs=1e-9)
 
 
-def test_steps_end_where_they_are_enough_or_too_many():
+def test_iteration_ends_at_residual_or_step_limit():
     few = solved(-1.2, 1.0, steps=3)
     assert not few.converged[0] and few.steps[0] == 3
-    rough, fine = solved(-1.2, 1.0, enough=0.1), solved(-1.2, 1.0)
+    rough, fine = solved(-1.2, 1.0, min_residual=0.1), solved(-1.2, 1.0)
     assert rough.converged[0] and rough.steps[0] < fine.steps[0]
     assert 1e-12 < np.sqrt(2 * rough.cost[0]) <= 0.1
 

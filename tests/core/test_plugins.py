@@ -14,10 +14,10 @@ from palpate.core.plugins import (
     check_ranges,
     class_by_name,
     code_place,
+    describe_error,
     in_base_unit,
     in_base_units,
     ranges_of,
-    told_error,
 )
 
 
@@ -41,18 +41,18 @@ def test_errors_name_the_last_line_of_user_code():
     assert (place.is_own, place.function, place.line) == (True, "__post_init__", line)
     with pytest.raises(TypeError) as caught:
         np.linalg.norm(code_place)
-    assert told_error(caught.value).endswith(f"({code_place(caught.value)})")
+    assert describe_error(caught.value).endswith(f"({code_place(caught.value)})")
     outer = RuntimeError("outer")
     outer.__cause__ = caught.value
     assert code_place(outer) == code_place(caught.value)
     assert code_place(RuntimeError("never raised")) is None
-    assert told_error(RuntimeError("two\nlines")) == "RuntimeError: two"
+    assert describe_error(RuntimeError("two\nlines")) == "RuntimeError: two"
     with pytest.raises(SyntaxError) as caught:
         compile("a b", "script.py", "exec")
-    assert told_error(caught.value).endswith("(script.py:1)")
+    assert describe_error(caught.value).endswith("(script.py:1)")
 
 
-def test_ranges_are_read_off_the_fields():
+def test_ranges_are_read_from_annotations():
     length, share = Range(0.0, 2e-3, "m"), Range(0.1, 0.9, "1")
     assert ranges_of(Described) == {"length": length, "share": share, "count": Range(1, 32, "1")}
     assert (str(length), str(share)) == ("0 to 0.002 m", "0.1 to 0.9")
@@ -62,8 +62,8 @@ def test_ranges_are_read_off_the_fields():
 
 
 def test_texts_with_units_are_read():
-    given = {"length": "0.5mm", "share": "0.5", "free": "1mm", "other": "2mm"}
-    assert in_base_units(Described, given) == {**given, "length": 5e-4}
+    options = {"length": "0.5mm", "share": "0.5", "free": "1mm", "other": "2mm"}
+    assert in_base_units(Described, options) == {**options, "length": 5e-4}
     exact = {"10um": 1e-5, "10 µm": 1e-5, "1e1 μm": 1e-5, "+2.5in": 0.0635, " .5 cm ": 0.005}
     assert {text: in_base_unit(text, UNITS["m"]) for text in exact} == exact
     assert in_base_unit("-5 min", UNITS["s"]) == -300.0

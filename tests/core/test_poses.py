@@ -41,8 +41,8 @@ def half_turns() -> list[Floats]:
 
 def test_matrices_and_quaternions_are_those_of_scipy():
     for turn in RANDOM:
-        found = quaternion_from_matrix(turn.as_matrix())
-        assert abs(found @ turn.as_quat()) == pytest.approx(1.0, abs=ROUNDING)
+        result = quaternion_from_matrix(turn.as_matrix())
+        assert abs(result @ turn.as_quat()) == pytest.approx(1.0, abs=ROUNDING)
         for sign in (1.0, -1.0, 1.0 + 5e-7):
             matrix = rotation_matrix(sign * turn.as_quat())
             assert np.allclose(matrix, turn.as_matrix(), rtol=0, atol=ROUNDING)
@@ -53,11 +53,11 @@ def test_matrices_and_quaternions_are_those_of_scipy():
 
 @pytest.mark.parametrize("angle", ANGLES)
 def test_rotation_vectors_are_those_of_scipy(angle: float):
-    found = rotations_from_vectors(angle * UNITS)
+    result = rotations_from_vectors(angle * UNITS)
     wanted = Rotation.from_rotvec(angle * UNITS).as_matrix()
-    assert np.allclose(found, wanted, rtol=0, atol=ROUNDING)
-    assert all(map(is_rotation, found))
-    for base, turn, unit in zip(RANDOM.as_matrix(), found, UNITS, strict=False):
+    assert np.allclose(result, wanted, rtol=0, atol=ROUNDING)
+    assert all(map(is_rotation, result))
+    for base, turn, unit in zip(RANDOM.as_matrix(), result, UNITS, strict=False):
         # The matrices themselves are only right to a few roundings of 1.
         assert rotation_angle(base, base @ turn) == pytest.approx(angle, rel=1e-6, abs=2e-15)
         assert np.allclose(turn @ unit, unit, rtol=0, atol=ROUNDING)
@@ -65,31 +65,31 @@ def test_rotation_vectors_are_those_of_scipy(angle: float):
         if angle < 1.0:  # no angle loses digits
             assert 2.0 * small[:3] == pytest.approx(2.0 * math.sin(0.5 * angle) * unit, rel=1e-12)
     if angle == 0.0:
-        assert np.array_equal(found[0], np.eye(3))
+        assert np.array_equal(result[0], np.eye(3))
 
 
 @pytest.mark.parametrize("angle", [0.0, 1e-12, 1e-4, 0.099, 0.101, 1.0, 3.0])
 def test_jacobians_are_those_of_finite_differences(angle: float):
     vectors, step = angle * UNITS, 1e-6
-    found, rotations = right_jacobians(vectors), rotations_from_vectors(vectors)
+    result, rotations = right_jacobians(vectors), rotations_from_vectors(vectors)
     for axis in range(3):
         ahead, back = (
             rotations_from_vectors(vectors + by * np.eye(3)[axis]) for by in (step, -step)
         )
         turn = rotations.transpose(0, 2, 1) @ (ahead - back) / (2 * step)
         column = np.stack([turn[:, 2, 1], turn[:, 0, 2], turn[:, 1, 0]], axis=1)
-        assert np.allclose(found[:, :, axis], column, rtol=0, atol=1e-9)
+        assert np.allclose(result[:, :, axis], column, rtol=0, atol=1e-9)
     below, above = (right_jacobians((0.1 + by) * UNITS) for by in (-1e-12, 1e-12))
     assert np.abs(below - above).max() < 2e-12  # where a series takes over
 
 
 def test_poses_compose_as_transformations():
     points = np.random.default_rng(1).normal(size=(20, 3))
-    for number, (one, two) in enumerate(zip(RANDOM[:30], RANDOM[30:], strict=True)):
-        outer = Pose(np.array([0.1, number, 0.3]), one.as_matrix())
-        inner = Pose(np.array([-0.3, 0.0, 0.1]), two.as_matrix())
+    for number, (first, second) in enumerate(zip(RANDOM[:30], RANDOM[30:], strict=True)):
+        outer = Pose(np.array([0.1, number, 0.3]), first.as_matrix())
+        inner = Pose(np.array([-0.3, 0.0, 0.1]), second.as_matrix())
         assert np.allclose(
-            outer.to_outer(points), one.apply(points) + outer.position, rtol=0, atol=1e-13
+            outer.to_outer(points), first.apply(points) + outer.position, rtol=0, atol=1e-13
         )
         twice = outer.to_outer(inner.to_outer(points))
         assert np.allclose((outer @ inner).to_outer(points), twice, rtol=0, atol=1e-13)
@@ -105,16 +105,16 @@ def test_poses_compose_as_transformations():
         assert np.array_equal(outer.advanced(0.02).axes, outer.axes)
         shift, turn = [0.01, -0.02, 0.03], 0.1 * number * UNITS[number]
         moved = outer @ Pose(np.array(shift), rotations_from_vectors(turn[None])[0])
-        found = outer.turned(shift, turn)
-        assert np.allclose(found.position, moved.position, rtol=0, atol=1e-14)
-        assert np.allclose(found.axes, moved.axes, rtol=0, atol=1e-15)
+        result = outer.turned(shift, turn)
+        assert np.allclose(result.position, moved.position, rtol=0, atol=1e-14)
+        assert np.allclose(result.axes, moved.axes, rtol=0, atol=1e-15)
     assert np.array_equal(Pose.from_array(IDENTITY_POSE).to_outer(points), points)
     assert not IDENTITY_POSE.flags.writeable and not FACING_DOWN.flags.writeable
 
 
 @pytest.mark.parametrize("heading", [-3.0, 0.0, 0.7, math.pi, 9.0])
 @pytest.mark.parametrize("tilt", [-math.pi / 2, -0.4, 0.0, 1.45, math.pi / 2])
-def test_a_pad_faces_the_surface(heading: float, tilt: float):
+def test_pad_faces_the_surface(heading: float, tilt: float):
     axes, level = pad_rotation(heading, tilt), math.cos(tilt)
     assert is_rotation(axes)
     outward = [level * math.cos(heading), level * math.sin(heading), math.sin(tilt)]

@@ -74,14 +74,14 @@ LENGTHS = st.floats(0.0, 0.3)
 
 @settings(derandomize=True, deadline=None, max_examples=30)
 @given(st.lists(st.tuples(st.floats(0.0, 5.0), LENGTHS, LENGTHS, LENGTHS), min_size=1, max_size=8))
-def test_moves_together_cost_what_each_costs_alone(rows: list[tuple[float, ...]]):
+def test_durations_of_moves_equal_single_moves(rows: list[tuple[float, ...]]):
     made = MoveGeometry.of_rows([(*row, LIFTED) for row in rows])
     for robot in ROBOT_PRESETS.values():
-        each = [
+        single = [
             wait + free_seconds(robot, travel, turn) + contact_seconds(robot, approach)
             for wait, travel, turn, approach in rows
         ]
-        assert move_durations(made, robot).total() == pytest.approx(each, rel=1e-12)
+        assert move_durations(made, robot).total() == pytest.approx(single, rel=1e-12)
     # A robot that finds no surface to slide on is the modern one.
     slid, modern = (move_durations(made, one) for one in (SLIDING, ROBOT_PRESETS["modern"]))
     assert np.array_equal(slid.total(), modern.total())

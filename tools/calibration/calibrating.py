@@ -14,7 +14,7 @@ from palpate.core.arrays import Floats
 from palpate.core.explore.tracing import TOUCH_DEPTH
 from palpate.core.poses import FACING_DOWN, Pose
 from palpate.core.robot_time import ROBOT_PRESETS
-from palpate.core.shapes import LEAST_EXPONENT, PosedShape, Shape, Superquadric
+from palpate.core.shapes import MIN_EXPONENT, PosedShape, Shape, Superquadric
 from palpate.core.touch import (
     Calibration,
     CalibrationEstimate,
@@ -75,7 +75,7 @@ def calibrate(scene: SceneSpec, progress: CalibrationProgress) -> Calibrated:
     finger = _Finger(pipeline)
     pad = pipeline.finger.pad
     # The plate is flat to far less than a nanometre where it is pressed.
-    plate, ball = _below((0.2, 0.2, 0.05), LEAST_EXPONENT), _below((BALL_RADIUS,) * 3, 1.0)
+    plate, ball = _below((0.2, 0.2, 0.05), MIN_EXPONENT), _below((BALL_RADIUS,) * 3, 1.0)
     free = [finger.touch(plate, lean, 0.0).read for lean in _tilts(pad)[:1] * FREE_FRAMES]
     progress(f"{FREE_FRAMES} frames of nothing")
     on_flat = tuple(_presses(finger, plate, progress, "the flat"))

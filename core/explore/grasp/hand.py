@@ -20,7 +20,15 @@ import numpy as np
 from palpate.core.arrays import Bools, Floats, positive
 from palpate.core.poses import Pose, pad_rotation
 from palpate.core.shapes import Shape
-from palpate.core.touch import CONTACT, Pad, Pipeline, SimulatedTouch, StageStates, clean, fit_patch
+from palpate.core.touch import (
+    DEFAULT_CONTACT,
+    Pad,
+    Pipeline,
+    SimulatedTouch,
+    StageStates,
+    clean,
+    fit_patch,
+)
 
 MAX_FINGERS = 20
 MIN_DESCENT = 1e-9  # [1] slope below which a finger does not go down
@@ -357,7 +365,7 @@ def contact_of(
     `compression` (rows, cols), `noise`: of the taxels, and its standard deviation [m]. The result
     is in the frame of `pose`.
     """
-    cleaned = clean(pad, compression, noise, CONTACT, "auto")
+    cleaned = clean(pad, compression, noise, DEFAULT_CONTACT.min_compression, "auto")
     if not cleaned.touched.any():
         return None
     surface = pad.surface(cleaned.compression, cleaned.touched)

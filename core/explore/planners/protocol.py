@@ -17,7 +17,7 @@ import numpy as np
 
 from palpate.core.arrays import Floats, finite_array, not_negative, positive
 from palpate.core.explore.planners.verdict import Limits
-from palpate.core.plugins import class_by_name, told_error
+from palpate.core.plugins import class_by_name, describe_error
 from palpate.core.poses import Pose
 from palpate.reprs import readable
 
@@ -432,7 +432,7 @@ def make_planner(name: str, settings: Mapping[str, Any]) -> Planner:
     except ValueError:
         raise
     except Exception as error:  # a user's class may fail in any way
-        raise ValueError(f"the planner {name!r} cannot be made: {told_error(error)}") from error
+        raise ValueError(f"the planner {name!r} cannot be made: {describe_error(error)}") from error
 
 
 Choice = Height | Touch | Wait | Stop

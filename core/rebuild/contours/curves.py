@@ -270,7 +270,7 @@ def slice_curve(points: Floats, settings: CurveSettings) -> SliceCurve:
 def slice_parameters(points: Floats, settings: CurveSettings) -> Floats:
     """Parameters (m,) [turns] of points (m, 2): even if their steps are even, else by chords."""
     parameters = splines.curve_parameters(points, "even")
-    if len(points) < splines.LEAST_POINTS or has_even_steps(parameters):
+    if len(points) < splines.DEFAULT_CLOSED_CURVE.min_noise_points or has_even_steps(parameters):
         return parameters
     if not _is_even_but_noisy(points, settings):
         return parameters
@@ -300,7 +300,7 @@ def _is_even_but_noisy(points: Floats, settings: CurveSettings) -> bool:
 def _scaled_back(ring: splines.ClosedPoints, fit: splines.CurveFit, n_fine: int) -> SliceCurve:
     """The fit at the points' own place and scale, with its figures and flags."""
     spread = np.linalg.svd(ring.points - ring.points.mean(axis=0), compute_uv=False)
-    flat = bool(spread[1] <= splines.FLAT_SPREAD * spread[0])
+    flat = bool(spread[1] <= splines.DEFAULT_CLOSED_CURVE.max_flat_spread * spread[0])
     if fit.smoothing == 0.0 and has_even_steps(fit.parameters):
         fine = _even_matrix(len(ring.points), n_fine) @ fit.control
     else:
@@ -323,7 +323,7 @@ def _scaled_back(ring: splines.ClosedPoints, fit: splines.CurveFit, n_fine: int)
         smoothing=fit.smoothing,
         flags=splines.CurveFlags(
             degenerate=flat,
-            uneven=bool(splines.gap_ratio(ring.points) > splines.UNEVEN_GAP_RATIO),
+            uneven=bool(splines.gap_ratio(ring.points) > splines.DEFAULT_CURVE_FIT.max_gap_ratio),
             self_intersecting=not flat and not is_star_shaped and self_intersects(fine),
         ),
     )

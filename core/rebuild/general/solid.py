@@ -18,7 +18,7 @@ import scipy
 from numpy.typing import ArrayLike
 
 from palpate.core.arrays import Bools, Floats, Ints
-from palpate.core.geometry import SHARP, nearest_points, nearest_search, point_tree
+from palpate.core.geometry import DEFAULT_MESH, nearest_points, nearest_search, point_tree
 from palpate.core.poses import Pose
 from palpate.core.rebuild.contours import ContactPoints, checked_contacts
 from palpate.core.rebuild.general.band import basis_values
@@ -216,7 +216,7 @@ class GeneralSolid(Solid):
         normals = gradient / np.maximum(slope, SPLINES.min_slope)
         along = np.einsum("ni,ni->n", normals, nearest.normals)
         # False where the gradient is NaN
-        on_spline = (along > np.cos(SHARP)) & (slope[:, 0] >= SPLINES.min_slope)
+        on_spline = (along > np.cos(DEFAULT_MESH.sharp_angle)) & (slope[:, 0] >= SPLINES.min_slope)
         if self.platform is not None:
             on_spline &= nearest.points[:, 2] > self.platform
         on_spline &= ~self.is_sharp(nearest.points)

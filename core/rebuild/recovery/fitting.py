@@ -288,8 +288,8 @@ def _bounds(
     ends = np.array(tapers + [settings.max_bend_angle / half[2]] * 2 * warps.bend)
     turn, pair = np.full(3, settings.max_turn), np.ones(2)
     least, most = (
-        [np.log(sizes[0] * half), shapes.LEAST_EXPONENT * pair, -turn, middle - shift, -ends],
-        [np.log(sizes[1] * half), shapes.LARGEST_EXPONENT * pair, turn, middle + shift, ends],
+        [np.log(sizes[0] * half), shapes.MIN_EXPONENT * pair, -turn, middle - shift, -ends],
+        [np.log(sizes[1] * half), shapes.MAX_EXPONENT * pair, turn, middle + shift, ends],
     )
     return np.concatenate(least), np.concatenate(most)
 
@@ -418,7 +418,7 @@ def _solved(
         starts.high,
         loss=loss,
         steps=steps,
-        enough=settings.rounding * float(np.sqrt(len(points))),
+        min_residual=settings.rounding * float(np.sqrt(len(points))),
         tolerance=settings.tolerance if tolerance is None else tolerance,
     )
     best = np.argsort(ends.cost, kind="stable")

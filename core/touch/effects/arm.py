@@ -1,6 +1,6 @@
-"""What the arm does to a touch: where it goes, and where it takes the pad to be.
+"""Effects of the arm: errors of its pose, backlash and compliance.
 
-Of all effects, those of the arm limit the accuracy of a contour first.
+Of all effects, they limit the accuracy of a contour most.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ class ArmBacklash(Ranged):
     width: Annotated[float, Range(0.0, 5e-3, "m")] = 0.05e-3
 
     def prepare(self, finger: Fingertip) -> Stage:
-        """The stage for one finger; its state is where the pad last started, (3,), m."""
+        """The stage for one finger; its state is the pad's last start, (3,) [m]."""
         half = 0.5 * self.width
 
         def apply(touch: SimulatedTouch, state: Floats | None) -> Floats:
@@ -88,7 +88,7 @@ class ArmBacklash(Ranged):
 class ArmCompliance(Ranged):
     """The arm bends under the force of a touch, and its encoders do not see it.
 
-    The arm goes on by ``F / k`` after the pad has stopped, along the pad's own z axis.
+    The arm advances by ``F / k`` after the pad has stopped, along the pad's own z axis.
 
     The move is stopped by the compression of the pad, so the touch itself is as it would be with a
     stiff arm; but the encoders say that the pad went farther than it did. The force ``F`` is the
@@ -103,10 +103,10 @@ class ArmCompliance(Ranged):
 
     def prepare(self, finger: Fingertip) -> Stage:
         """The stage for one finger."""
-        way_per_pressure = finger.pad.pitch**2 / self.stiffness
+        deflection_per_pressure = finger.pad.pitch**2 / self.stiffness
 
         def apply(touch: SimulatedTouch, state: None) -> None:
-            bent = way_per_pressure * float(touch.pressure.sum())
-            touch.believed = touch.believed.advanced(bent)
+            deflection = deflection_per_pressure * float(touch.pressure.sum())
+            touch.believed = touch.believed.advanced(deflection)
 
         return Stage(apply)

@@ -1,4 +1,4 @@
-"""The effects that palpate has, in the order in which they act; how one is found by its name."""
+"""The effects in the order in which they act, and their look-up by name."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import cast
 from palpate.core.plugins import class_by_name
 from palpate.core.touch.pipeline import Effect, Phase
 
-# Each with its module; by phase first, as `palpate.core.touch.Phase` has them.
+# Effect to module, ordered by `palpate.core.touch.Phase` first.
 MODULES = {
     "pose_error": "arm",
     "arm_backlash": "arm",
@@ -34,22 +34,25 @@ EFFECT_NAMES = tuple(MODULES)
 
 
 def effect_type(name: str) -> type[Effect]:
-    """The description of an effect: by its name, or a user's own as ``module:Class``.
+    """Class of an effect: by its name, or a user's own as ``module:Class``.
 
-    Raises LookupError if there is none; ValueError if its module holds none, or cannot be imported.
+    Raises LookupError if there is no such effect; ValueError if the class is none, or its module
+    cannot be imported.
     """
-    place = name
+    import_path = name
     if name in MODULES:
-        place = f"{__package__}.{MODULES[name]}:{name.title().replace('_', '')}"
-    found = class_by_name(place, what="effect", names=EFFECT_NAMES, package="")
-    wanted = name.rpartition(":")[2]
-    if not is_dataclass(found) or not isinstance(found, type) or not hasattr(found, "prepare"):
-        raise ValueError(f"{name!r} is no effect: {wanted!r} must be a dataclass with prepare()")
-    if not isinstance(getattr(found, "phase", None), Phase):
+        import_path = f"{__package__}.{MODULES[name]}:{name.title().replace('_', '')}"
+    effect = class_by_name(import_path, what="effect", names=EFFECT_NAMES, package="")
+    class_name = name.rpartition(":")[2]
+    if not is_dataclass(effect) or not isinstance(effect, type) or not hasattr(effect, "prepare"):
+        raise ValueError(
+            f"{name!r} is no effect: {class_name!r} must be a dataclass with prepare()"
+        )
+    if not isinstance(getattr(effect, "phase", None), Phase):
         raise ValueError(f"{name!r} is no effect: its phase must be one of Phase, as Phase.SIGNAL")
-    return cast("type[Effect]", found)
+    return cast("type[Effect]", effect)
 
 
 def rank(name: str) -> int:
-    """Where an effect stands among those of its phase; a user's own come last."""
+    """Position of an effect among those of its phase; a user's own come last."""
     return EFFECT_NAMES.index(name) if name in EFFECT_NAMES else len(EFFECT_NAMES)

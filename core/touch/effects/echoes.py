@@ -1,6 +1,6 @@
-"""How an element sees the face, and how its echo comes back: a whole area, warm, lost, or mixed.
+"""Effects of the echoes: aperture of an element, temperature, lost echoes and crosstalk.
 
-All but the first act on what the array receives, before its electronics do.
+All but the first change the received reading, before the electronics do.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from palpate.core.plugins import Range, Ranged, check_ranges
 from palpate.core.touch.pad import GuardedMove, Pad, TouchOutcome, started_inside
 from palpate.core.touch.pipeline import Fingertip, Phase, SimulatedTouch, Stage, record_move
 
-Reading = Literal["mean", "max"]  # What an element makes of the compression under it
+Reading = Literal["mean", "max"]  # of the compressions under an element
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -60,12 +60,12 @@ class Aperture:
 
 
 def _origins(pad: Pad, width: float, rays: int) -> Floats:
-    """Where the rays start in the pad's frame, (rows * cols * rays^2, 3), m.
+    """Origins of the rays in the pad's frame, (rows * cols * rays^2, 3) [m], element by element.
 
-    Those of one element stand together. The transducers follow the dome under every ray.
+    The transducers follow the dome under every ray.
     """
     across = ((np.arange(rays) + 0.5) / rays - 0.5) * width * pad.pitch
-    x, y = (each[:, :, None, None] for each in pad.grid())
+    x, y = (axis[:, :, None, None] for axis in pad.grid())
     x, y = np.broadcast_arrays(x + across[None, :], y + across[:, None])
     z = -(pad.thickness + 0.5 * pad.dome * (x * x + y * y))
     return np.column_stack([x.ravel(), y.ravel(), z.ravel()])
@@ -82,26 +82,26 @@ def _press(pad: Pad, origins: Floats, touch: SimulatedTouch, mean: bool) -> Guar
     nearest = float(first.min())
     if nearest < 0.0:
         return started_inside(pad, touch.actual)
-    wanted = _way_to_mean(gaps, touch.depth) if mean else nearest + touch.depth
+    demanded = _advance_to_mean(gaps, touch.depth) if mean else nearest + touch.depth
     outcome: TouchOutcome = "miss"
     advance = touch.reach
     if nearest <= touch.reach:
-        outcome = "hit" if wanted <= nearest + limit else "bottomed"
-        advance = min(wanted, nearest + limit)
-    deepest = advance - first
-    compression = np.maximum(deepest, 0.0)
+        outcome = "hit" if demanded <= nearest + limit else "bottomed"
+        advance = min(demanded, nearest + limit)
+    indentation = advance - first
+    compression = np.maximum(indentation, 0.0)
     if mean:
         compression = np.maximum(advance - gaps, 0.0).mean(axis=1)
-        deepest = np.where(deepest > 0.0, compression, deepest)
+        indentation = np.where(indentation > 0.0, compression, indentation)
     end = touch.actual.advanced(advance)
-    return GuardedMove(outcome, end, compression.reshape(size), advance, deepest.reshape(size))
+    return GuardedMove(outcome, end, compression.reshape(size), advance, indentation.reshape(size))
 
 
-def _way_to_mean(gaps: Floats, depth: float) -> float:
-    """Way after which the first element's mean compression is `depth`.
+def _advance_to_mean(gaps: Floats, depth: float) -> float:
+    """Advance [m] at which the first element's mean compression is `depth`.
 
     A mean ``sum(max(a - g, 0)) / n`` is the largest of the lines ``(k a - g1 - ... - gk) / n`` over
-    k, with the gaps in order; so the way to `depth` is the smallest of theirs.
+    k, with the gaps in order; so the advance to `depth` is the smallest of theirs.
     """
     count = gaps.shape[1]
     sums = np.sort(gaps, axis=1).cumsum(axis=1)
@@ -114,9 +114,9 @@ class Temperature(Ranged):
 
     The speed of sound is ``v = v0 + a dT``, and ``dT = rise (1 - exp(-t / warm_up))``.
 
-    The decoder goes on with the nominal ``v0`` in (1.1): from an echo after ``2 (D - c) / v`` it
-    takes ``D - (D - c) v0 / v``. If the undeformed pad was timed at the same temperature, the error
-    of the thickness cancels and ``c v0 / v`` is left. Values of silicone rubber, as published for
+    The decoder keeps the nominal ``v0`` in (1.1): from an echo after ``2 (D - c) / v`` it takes ``D
+    - (D - c) v0 / v``. If the undeformed pad was timed at the same temperature, the error of the
+    thickness cancels and ``c v0 / v`` is left. Values of silicone rubber, as published for
     underwater acoustics. Without a new zero, 5 K are 46 um at 3 mm, the same on every taxel.
     """
 
@@ -199,7 +199,7 @@ class EchoLoss(Ranged):
 
 
 def _keep_all(touch: SimulatedTouch, state: None) -> None:
-    """Even a face on edge is received."""
+    """No echo is lost, not even from a vertical face."""
 
 
 def _steeper(height: Floats, largest: float) -> Bools:

@@ -1,6 +1,6 @@
-"""What electronics and line make of signals: taxels of their own, noise, steps, late frames.
+"""Effects of electronics and transport: gains, drift, noise, dead taxels, steps, late frames.
 
-Patterns that stay the same are drawn once for a finger, noise afresh for each touch.
+Constant patterns are drawn once for a finger, noise anew for each touch.
 """
 
 from __future__ import annotations
@@ -14,8 +14,6 @@ import numpy as np
 from palpate.core.arrays import Floats
 from palpate.core.plugins import Range, Ranged, check_ranges
 from palpate.core.touch.pipeline import Fingertip, KeyedRandom, Phase, SimulatedTouch, Stage
-
-CLOCK = 100e6  # Of a scene that says neither, Hz: 5 um at 1000 m/s. 20 MHz, of the 1990s, are 25.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -65,7 +63,7 @@ class Drift(Ranged):
     rate: Annotated[float, Range(0.0, 1e-4, "m/sqrt(s)")] = 1e-6
 
     def prepare(self, finger: Fingertip) -> Stage:
-        """The stage for one finger; its state is the time of a touch, s, and the zeros, m."""
+        """The stage for one finger; its state is the time of a touch [s] and the zeros [m]."""
         draws, rate = KeyedRandom(finger, "drift"), self.rate
         size = (finger.pad.rows, finger.pad.cols)
 
@@ -189,6 +187,8 @@ class Quantisation:
     """
 
     phase: ClassVar = Phase.SIGNAL
+    # [Hz] without a clock or bits: 5 um at 1000 m/s. 20 MHz, of the 1990s, are 25 um.
+    default_clock: ClassVar = 100e6
 
     # Frequency of the clock that counts the time of flight.
     clock: Annotated[float | None, Range(1e5, 1e12, "Hz")] = None
@@ -202,13 +202,13 @@ class Quantisation:
             )
 
     def prepare(self, finger: Fingertip) -> Stage:
-        """The stage for one finger. Raises ValueError if a clock is to count what is not a time."""
+        """The stage for one finger. Raises ValueError for a clock if the array sends no times."""
         calibration = finger.calibration
         if self.bits is not None:
             step, whole = calibration.thickness / 2**self.bits, 0.0
         elif calibration.signal == "time":
-            step = calibration.sound_speed / (2.0 * (self.clock or CLOCK))
-            whole = calibration.thickness  # a time of 0, from which the ticks are counted
+            step = calibration.sound_speed / (2.0 * (self.clock or self.default_clock))
+            whole = calibration.thickness  # at a time of 0, from which ticks are counted
         else:
             raise ValueError(
                 f"quantisation by a clock needs an array of times, and the array's signal is "

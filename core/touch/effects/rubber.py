@@ -1,6 +1,6 @@
-"""What the pad's rubber does: it spreads, stiffens, bottoms, slopes beside a contact, and creeps.
+"""Effects of the pad's rubber: elastic spreading, hardening, saturation, tenting and creep.
 
-The pad by itself is a bed of springs; what stands here takes its pressures, or its face, further.
+The pad by itself is a bed of springs; these effects change its pressures, or its face.
 """
 
 from __future__ import annotations
@@ -16,10 +16,14 @@ from palpate.core.plugins import Range, Ranged
 from palpate.core.touch.pad import FaceModel, Pad, half_space_influence
 from palpate.core.touch.pipeline import Fingertip, Phase, SimulatedTouch, Stage
 
-TOLERANCE = 1e-7  # Largest error of the face within the contact, over the deepest indentation
-MOST_STEPS = 1000  # Thirty are usual at 16 by 16 taxels, a hundred at 32 by 32
-EXPANSION = 1.9  # Of a projected step, over the largest stiffness of the scaled problem: below 2
-LARGEST_STRAIN = 0.98  # The law goes to infinity at a strain of 1, where nothing of the pad is left
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ContactSolverSettings:
+    """Solution of the half-space's contact problem."""
+
+    tolerance: float = 1e-7  # of the face within the contact, fraction of the deepest indentation
+    max_steps: int = 1000  # 30 are usual at 16 by 16 taxels, 100 at 32 by 32
+    step_length: float = 1.9  # of a projected step, over 1 / largest stiffness; below 2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -29,15 +33,16 @@ class HalfSpace(Ranged):
     The pad as an elastic half-space, touched without friction.
 
     Find ``p >= 0`` with ``u = K p``, ``u = g`` where ``p > 0`` and ``u >= g`` elsewhere: the rigid
-    surface indents the face by ``g``, and the free face about the contact is drawn down. ``K`` is
+    surface indents the face by ``g``, and the free face around the contact is drawn down. ``K`` is
     the displacement under uniformly loaded squares (Love, 1929; Johnson, *Contact mechanics*, 1985,
     3.3). On a sphere this is Hertz's contact, whose radius is 0.71 of that of a bed of springs. It
-    replaces the springs' pressures, so it matters for forces, which then no longer tell the
+    replaces the springs' pressures, so it matters for forces, which then no longer give the
     compression by (1.2), and for what is touched around a contact; the truth for a thin bonded pad
     lies between the two.
     """
 
     phase: ClassVar = Phase.PAD
+    solver: ClassVar = ContactSolverSettings()
 
     # Young's modulus: that of a soft silicone, an engineering value.
     modulus: Annotated[float, Range(1e4, 1e8, "N/m2")] = 0.5e6
@@ -45,8 +50,8 @@ class HalfSpace(Ranged):
     poisson: Annotated[float, Range(0.0, 0.5, "1")] = 0.49
 
     def prepare(self, finger: Fingertip) -> Stage:
-        """The stage for one finger; its act raises ArithmeticError beyond `MOST_STEPS`."""
-        size = (finger.pad.rows, finger.pad.cols)
+        """The stage for one finger; it raises ArithmeticError if the solver does not converge."""
+        size, solver = (finger.pad.rows, finger.pad.cols), self.solver
         kernel = half_space_influence(finger.pad)
         # No part of a matrix of positive numbers has a larger norm than its largest row sum.
         most = float(kernel.sum(axis=1).max())
@@ -55,11 +60,11 @@ class HalfSpace(Ranged):
 
         def apply(touch: SimulatedTouch, state: None) -> None:
             indentation = touch.indentation.ravel()
-            near = np.flatnonzero(indentation > 0.0)  # Elsewhere it can only be too far from it
+            near = np.flatnonzero(indentation > 0.0)  # no contact elsewhere
             if not near.size:
                 return
             columns, deepest = kernel[near], float(indentation.max())
-            pushed = _contact(columns[:, near], indentation[near] / deepest)
+            pushed = _contact(columns[:, near], indentation[near] / deepest, solver)
             pressure = np.zeros(indentation.size)
             pressure[near] = (deepest * stiffness) * pushed
             face = np.maximum(deepest * (pushed @ columns), indentation)
@@ -68,23 +73,23 @@ class HalfSpace(Ranged):
         return Stage(apply, face=FaceModel("half_space"))
 
 
-def _contact(kernel: Floats, wanted: Floats) -> Floats:
+def _contact(kernel: Floats, wanted: Floats, settings: ContactSolverSettings) -> Floats:
     """The x >= 0, (n,), with ``K x = wanted`` where x > 0 and ``K x >= wanted`` elsewhere.
 
-    Conjugate gradients on the taxels that push; where one would pull, a projected gradient step;
-    where the face is held off too little by those that do not push, a step that lets them. Each
+    Conjugate gradients on the taxels with x > 0; a projected gradient step where one would become
+    negative; a step that releases taxels with x = 0 where the face is too low there. Each step
     lowers the energy, so that it always converges: Dostal and Schoberl, *Minimizing quadratic
     functions subject to bound constraints*, 2005.
     """
     x: Floats = wanted / kernel.sum(axis=1)
     slope = kernel @ x - wanted
     free = direction = slope
-    for _ in range(MOST_STEPS):
+    for _ in range(settings.max_steps):
         held = np.where(x > 0.0, 0.0, np.minimum(slope, 0.0))
         worst = max(float(np.abs(free).max()), -float(held.min()))
-        if worst <= TOLERANCE:
+        if worst <= settings.tolerance:
             return x
-        release = held @ held > np.minimum(x / EXPANSION, free) @ free
+        release = held @ held > np.minimum(x / settings.step_length, free) @ free
         if release:
             direction = held
         image = kernel @ direction
@@ -98,12 +103,13 @@ def _contact(kernel: Floats, wanted: Floats) -> Floats:
             direction = free if release else free - (float(free @ image) / bend) * direction
         else:
             x, slope = np.maximum(x - longest * direction, 0.0), slope - longest * image
-            x = np.maximum(x - EXPANSION * np.where(x > 0.0, slope, 0.0), 0.0)
+            projected = settings.step_length * np.where(x > 0.0, slope, 0.0)
+            x = np.maximum(x - projected, 0.0)
             slope = kernel @ x - wanted
             free = direction = np.where(x > 0.0, slope, 0.0)
     raise ArithmeticError(
-        f"half_space found no contact within {MOST_STEPS} steps: the face is still off by "
-        f"{worst:.3g} of the indentation; expected {TOLERANCE:g}"
+        f"half_space did not converge within {settings.max_steps} steps: the face is still off by "
+        f"{worst:.3g} of the indentation; expected {settings.tolerance:g}"
     )
 
 
@@ -120,6 +126,7 @@ class Hardening(Ranged):
     """
 
     phase: ClassVar = Phase.PAD
+    max_strain: ClassVar = 0.98  # of the law, whose pole is at a strain of 1
 
     # The factor ``h``: 1 adds half the pressure at a strain of one half.
     strength: Annotated[float, Range(0.0, 10.0, "1")] = 1.0
@@ -127,9 +134,10 @@ class Hardening(Ranged):
     def prepare(self, finger: Fingertip) -> Stage:
         """The stage for one finger."""
         strength, per_thickness = self.strength, 1.0 / finger.pad.thickness
+        max_strain = self.max_strain
 
         def apply(touch: SimulatedTouch, state: None) -> None:
-            strain = np.minimum(touch.compression * per_thickness, LARGEST_STRAIN)
+            strain = np.minimum(touch.compression * per_thickness, max_strain)
             touch.pressure = touch.pressure * (1.0 + strength * strain * strain / (1.0 - strain))
 
         return Stage(apply)
@@ -177,7 +185,7 @@ class Tenting(Ranged):
 
     About a straight edge ``u`` falls as ``exp(-x / l)`` with ``l = sqrt(T / k)``; at the border of
     the array it ends level. Five-point Laplacian at the pitch, solved exactly. The contact is where
-    there is pressure: listed together with a half-space, that tells where and how hard the pad is
+    there is pressure: listed together with a half-space, that gives where and how hard the pad is
     touched, and this how its face falls beside it. An engineering value. At edges and corners the
     skirt reads as a rounding of half a millimetre, which would be traced as if it were the object
     by a decoder that does not know of it.
@@ -219,7 +227,7 @@ def _modes(count: int) -> tuple[Floats, Floats]:
 
 
 def _rim(contact: Bools) -> tuple[np.ndarray, ...]:
-    """Rows and columns of the touched taxels beside a free one."""
+    """Rows and columns of touched taxels with a free neighbour."""
     inner = contact.copy()
     inner[1:] &= contact[:-1]
     inner[:-1] &= contact[1:]
@@ -231,10 +239,10 @@ def _rim(contact: Bools) -> tuple[np.ndarray, ...]:
 def _tent(
     down: Floats, across: Floats, answers: Floats, rim: tuple[np.ndarray, ...], heights: Floats
 ) -> Floats:
-    """Height of the membrane, (rows, cols), m, if it is held at the rim.
+    """Height of the membrane, (rows, cols) [m], held at the rim.
 
-    Loads at the rim alone lift it there to its height: beyond it nothing else holds it, so this is
-    the solution outside the contact (inside it means nothing). They are as many as the rim.
+    Loads at the rim taxels lift it there to the given heights. This is the solution outside the
+    contact, where no other load acts; inside it has no meaning.
     """
     modes = down[rim[0], :, None] * across[rim[1], None, :]
     flat = modes.reshape(heights.size, -1)
@@ -266,25 +274,25 @@ class Creep(Ranged):
     tau: Annotated[float, Range(1e-3, 1e4, "s")] = 0.5  # Time constant of relaxation and recovery
 
     def prepare(self, finger: Fingertip) -> Stage:
-        """The stage for one finger; its state is q at the end of the touch, (rows, cols), m."""
+        """The stage for one finger; its state is q at the end of the touch, (rows, cols) [m]."""
         share, tau = self.share, self.tau
 
         def apply(touch: SimulatedTouch, state: Floats) -> Floats:
             compression = touch.compression
             until_frame = touch.rest + touch.loading + touch.dwell
             branch = state * math.exp(-until_frame / tau)
-            branch += compression * _left(touch.loading, touch.dwell, tau)
+            branch += compression * _relaxed_share(touch.loading, touch.dwell, tau)
             answer = np.maximum((1.0 - share) * compression + share * branch, 0.0)
             ratio = np.divide(answer, compression, out=answer.copy(), where=compression > 0.0)
             touch.pressure, touch.compression = touch.pressure * ratio, answer
-            way_back = touch.time - touch.previous - until_frame
-            return (branch - compression) * math.exp(-way_back / tau)
+            after_frame = touch.time - touch.previous - until_frame
+            return (branch - compression) * math.exp(-after_frame / tau)
 
         return Stage(apply, np.zeros((finger.pad.rows, finger.pad.cols)))
 
 
-def _left(loading: float, dwell: float, tau: float) -> float:
-    """What is left of q at the frame, as a share of the compression, of a pad at rest before."""
+def _relaxed_share(loading: float, dwell: float, tau: float) -> float:
+    """Ratio of q at the frame to the compression, of a pad at rest before."""
     ramp = loading / tau
     rise = -math.expm1(-ramp) / ramp if ramp > 0.0 else 1.0
     return rise * math.exp(-dwell / tau)

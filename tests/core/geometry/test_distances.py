@@ -109,8 +109,8 @@ def test_slivers_are_flagged_and_trees_find_neighbours():
     points = np.random.default_rng(0).random((50, 3))
     apart = np.linalg.norm(points[:, None] - points, axis=2)
     for balanced in (True, False):
-        found = point_tree(points, balanced=balanced).query(points, k=2)[1][:, 1]
-        assert np.array_equal(found, np.argsort(apart, axis=1)[:, 1])
+        result = point_tree(points, balanced=balanced).query(points, k=2)[1][:, 1]
+        assert np.array_equal(result, np.argsort(apart, axis=1)[:, 1])
 
 
 @cache
@@ -129,7 +129,7 @@ SHEET = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
 SHEET_FACES = np.array([[0, 1, 2], [0, 2, 3]])
 
 
-def test_known_distances_between_surfaces():
+def test_distances_equal_known_values():
     same = compare_surfaces(prepared("sphere"), prepared("sphere"))
     assert same.hausdorff < 1e-16 and same.normal_deg < 1e-9
     sheet = prepare_surface(SHEET, SHEET_FACES, 3000)
@@ -137,31 +137,31 @@ def test_known_distances_between_surfaces():
     assert compare_surfaces(sheet, raised) == pytest.approx((0.25,) * 4 + (0.0, 0.25), abs=1e-12)
     assert compare_surfaces(sheet, raised, 0.2).rms_above == 0.0  # one end lies below
     near, far = (prepare_surface(*ball(radius, 5), samples=3000) for radius in (0.040, 0.041))
-    found = compare_surfaces(near, far)
+    result = compare_surfaces(near, far)
     # The facets stand off by up to 0.04 * 0.035**2 / 8 = 6 um.
-    assert found[:4] == pytest.approx((1e-3,) * 4, abs=7e-6) and found.normal_deg < 1.0
+    assert result[:4] == pytest.approx((1e-3,) * 4, abs=7e-6) and result.normal_deg < 1.0
     # Samples whose nearest point is on a neighbouring facet are not quite turned by 180 degrees.
     turned = compare_surfaces(prepared("sphere"), prepared("inside out"))
     assert turned.normal_deg == pytest.approx(180.0, abs=0.5)
 
 
-def test_each_distance_has_its_own_definition():
+def test_distances_follow_their_definitions():
     # Only one direction sees a small flap one metre above a square.
     flap = np.array([[0.4, 0.4, 1], [0.6, 0.4, 1], [0.6, 0.6, 1], [0.4, 0.6, 1]])
     both = np.concatenate([SHEET, flap]), np.concatenate([SHEET_FACES, SHEET_FACES + 4])
-    found = compare_surfaces(prepare_surface(SHEET, SHEET_FACES), prepare_surface(*both))
+    result = compare_surfaces(prepare_surface(SHEET, SHEET_FACES), prepare_surface(*both))
     share = 0.04 / 1.04  # of the samples of the surface with the flap
-    assert found.chamfer == pytest.approx(0.5 * share, rel=1e-3)
-    assert found.rms == pytest.approx((0.5 * share) ** 0.5, rel=1e-3)
-    assert found.p95 < 1e-15 and found.hausdorff == pytest.approx(1.0)
+    assert result.chamfer == pytest.approx(0.5 * share, rel=1e-3)
+    assert result.rms == pytest.approx((0.5 * share) ** 0.5, rel=1e-3)
+    assert result.p95 < 1e-15 and result.hausdorff == pytest.approx(1.0)
 
 
 def test_distances_are_symmetric_and_follow_scale_and_place():
-    found = compare_surfaces(prepared("sphere"), prepared("box"))
-    assert found == compare_surfaces(prepared("box"), prepared("sphere"))
+    result = compare_surfaces(prepared("sphere"), prepared("box"))
+    assert result == compare_surfaces(prepared("box"), prepared("sphere"))
     thousandth = compare_surfaces(prepared("sphere", 1e3), prepared("box", 1e3))
-    assert np.array(thousandth[:4]) / 1e3 == pytest.approx(found[:4], rel=1e-9)
-    assert thousandth.normal_deg == pytest.approx(found.normal_deg, rel=1e-3)
+    assert np.array(thousandth[:4]) / 1e3 == pytest.approx(result[:4], rel=1e-9)
+    assert thousandth.normal_deg == pytest.approx(result.normal_deg, rel=1e-3)
     here = compare_surfaces(prepared("sphere"), prepared("squashed"))
     shift = [1.0, -2.0, 3.0]
     there = [prepare_surface(*moved(SPHERE, shift, by), samples=5000) for by in (1, [1, 0.9, 1.1])]
@@ -192,12 +192,13 @@ def test_samples_are_uniform_by_area():
     assert quarters == pytest.approx([0.25] * 3, abs=5 * (0.25 * 0.75 / 100_000) ** 0.5)
     assert x.min() >= 0.0 and y.min() >= 0.0 and (x + y).max() <= 1.0
     corners = triangle_corners(*SPHERE)
-    one, other = (sample_surface(corners, 20_000, np.random.default_rng(4)) for _ in range(2))
-    assert one.points.tobytes() == other.points.tobytes()
-    normals = areas_and_normals(corners)[1][one.faces]
-    assert np.abs(((one.points - corners[one.faces, 0]) * normals).sum(axis=1)).max() < 1e-15
+    samples, other = (sample_surface(corners, 20_000, np.random.default_rng(4)) for _ in range(2))
+    assert samples.points.tobytes() == other.points.tobytes()
+    normals = areas_and_normals(corners)[1][samples.faces]
+    offsets = samples.points - corners[samples.faces, 0]
+    assert np.abs((offsets * normals).sum(axis=1)).max() < 1e-15
     # 40 mm / sqrt(3 * 20000) = 0.16 mm would be the deviation of a plain sample.
-    assert np.abs(one.points.mean(axis=0)).max() < 5 * 0.16e-3
+    assert np.abs(samples.points.mean(axis=0)).max() < 5 * 0.16e-3
     with pytest.raises(ValueError, match="must have an area to be sampled, got 0"):
         sample_surface(np.zeros((2, 3, 3)), 10, np.random.default_rng(0))
 
@@ -227,25 +228,25 @@ def test_alignment_undoes_a_motion(vector: list[float], unit: float, least: floa
     points = points[points[:, 2] > least * unit]
     away = displaced(points, vector, [0.3 * unit, -0.1 * unit, 0.5 * unit])
     away += noise * unit * rng.normal(size=away.shape)
-    found = align(away, surface)
+    result = align(away, surface)
     limit = 6 * noise or 1e-8
     assert np.allclose(
-        Pose.from_array(found.pose).to_outer(away), points, rtol=0, atol=limit * unit
+        Pose.from_array(result.pose).to_outer(away), points, rtol=0, atol=limit * unit
     )
-    assert found.rms == pytest.approx(noise * unit, rel=0.15, abs=1e-9 * unit)
-    assert found.converged and not found.ambiguous and found.pose[6] >= 0.0
+    assert result.rms == pytest.approx(noise * unit, rel=0.15, abs=1e-9 * unit)
+    assert result.converged and not result.ambiguous and result.pose[6] >= 0.0
 
 
 def test_symmetric_surfaces_are_ambiguous_and_turned_least():
     sphere = prepare_surface(*ball(0.04, 4), samples=5000)
-    found = align(sphere.samples.points[::20] + [0.1, 0.2, 0.3], sphere)
-    assert found.ambiguous
-    assert np.allclose(found.pose[:3], [-0.1, -0.2, -0.3], rtol=0, atol=5e-5)
+    result = align(sphere.samples.points[::20] + [0.1, 0.2, 0.3], sphere)
+    assert result.ambiguous
+    assert np.allclose(result.pose[:3], [-0.1, -0.2, -0.3], rtol=0, atol=5e-5)
     brick = prepare_surface(*moved(BOX, 0.0, [0.03, 0.05, 0.08]), samples=5000)
-    found = align(displaced(brick.samples.points[::10], [0.0, 0.0, 0.2], [0, 0, 0.1]), brick)
-    assert found.ambiguous and found.rms < 1e-9
+    result = align(displaced(brick.samples.points[::10], [0.0, 0.0, 0.2], [0, 0, 0.1]), brick)
+    assert result.ambiguous and result.rms < 1e-9
     # Of the four poses the one that turns least, back by 0.2.
-    assert 2.0 * np.arcsin(np.linalg.norm(found.pose[3:6])) == pytest.approx(0.2, abs=1e-6)
+    assert 2.0 * np.arcsin(np.linalg.norm(result.pose[3:6])) == pytest.approx(0.2, abs=1e-6)
 
 
 @pytest.mark.parametrize(("points", "words"), [

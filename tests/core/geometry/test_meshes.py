@@ -57,9 +57,9 @@ FACES = BOX.faces
     (Mesh(np.eye(3), np.array([[0, 1, 1], [1, 0, 0]])), False, 1, None, 0.0),
 ])  # fmt: skip
 def test_solidity_of_known_meshes(mesh, watertight: bool, components: int, genus, volume):
-    found = geometry.solidity(*mesh)
-    assert found[:3] == (watertight, components, genus)
-    assert volume is None or found.volume == pytest.approx(volume, rel=0.01 if genus else 1e-9)
+    result = geometry.solidity(*mesh)
+    assert result[:3] == (watertight, components, genus)
+    assert volume is None or result.volume == pytest.approx(volume, rel=0.01 if genus else 1e-9)
     assert geometry.is_closed(mesh.faces) == watertight
     paired = geometry.face_edges(mesh.faces).counts
     assert geometry.has_paired_edges(mesh.faces) == (paired == 2).all()
@@ -94,8 +94,8 @@ def test_rings_of_half_or_twice_as_many_points_are_joined(sizes: list[int]):
         assert np.array_equal(closed[1], geometry.join_rings(np.array(sizes)))
         area = 0.5 * sizes[0] * np.sin(2 * np.pi / sizes[0])
         assert geometry.solidity(*closed).volume == pytest.approx(area * (len(sizes) - 1 + 2 / 3))
-    found = geometry.solidity(vertices, geometry.join_rings(np.array(sizes)))
-    assert found[:3] == (True, 1, 0) and found.volume > 0.0
+    result = geometry.solidity(vertices, geometry.join_rings(np.array(sizes)))
+    assert result[:3] == (True, 1, 0) and result.volume > 0.0
     assert geometry.self_intersection(vertices, geometry.join_rings(np.array(sizes))).count == 0
 
 
@@ -171,11 +171,11 @@ def pierces(begin: Floats, end: Floats, triangle: Floats) -> bool:
     return min(sides) > 0.0 or max(sides) < 0.0
 
 
-def cross(one: Floats, other: Floats) -> bool:
+def cross(triangle: Floats, other: Floats) -> bool:
     """Whether an edge of one triangle goes through the inside of the other."""
     return any(
         pierces(begin, end, second)
-        for first, second in ((one, other), (other, one))
+        for first, second in ((triangle, other), (other, triangle))
         for begin, end in zip(first, np.roll(first, -1, axis=0), strict=True)
     )
 
@@ -183,10 +183,10 @@ def cross(one: Floats, other: Floats) -> bool:
 def test_random_triangles_cross_where_an_edge_pierces_a_face():
     rng = np.random.default_rng(0)
     corners = 0.3 * rng.normal(size=(40, 3, 3)) + rng.random((40, 1, 3))
-    found = geometry.self_intersection(corners.reshape(-1, 3), np.arange(120).reshape(-1, 3))
+    result = geometry.self_intersection(corners.reshape(-1, 3), np.arange(120).reshape(-1, 3))
     wanted = [[i, j] for i, j in combinations(range(40), 2) if cross(corners[i], corners[j])]
-    assert found.faces.tolist() == wanted and found.count == len(wanted) > 20
-    for (i, j), place in zip(found.faces, found.places, strict=True):  # in both planes
+    assert result.faces.tolist() == wanted and result.count == len(wanted) > 20
+    for (i, j), place in zip(result.faces, result.places, strict=True):  # in both planes
         for which in (i, j):
             a, b, c = corners[which]
             area = np.linalg.norm(np.cross(b - a, c - a))
@@ -242,7 +242,7 @@ def folded_base() -> Mesh:
     (joined(BOX, moved(BOX, [0.25, 0.25, -1.0], [0.5, 0.5, 3.0])), True),
     (dented(), True),
 ])  # fmt: skip
-def test_only_what_passes_through_itself_crosses(mesh: Mesh, crosses: bool):
+def test_touching_faces_do_not_cross(mesh: Mesh, crosses: bool):
     assert (geometry.self_intersection(*mesh).count > 0) == crosses
 
 

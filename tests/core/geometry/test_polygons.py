@@ -44,8 +44,8 @@ def lobes(depth: float, count: int = 3000) -> Floats:
     return plane(angle, 1.0 + depth * np.cos(3 * angle))
 
 
-def refined(polygon: Floats, each: int = 50) -> Floats:
-    share = np.arange(each)[:, None, None] / each
+def refined(polygon: Floats, per_edge: int = 50) -> Floats:
+    share = np.arange(per_edge)[:, None, None] / per_edge
     fine = polygon + share * (np.roll(polygon, -1, axis=0) - polygon)
     return fine.transpose(1, 0, 2).reshape(-1, 2)
 
@@ -69,8 +69,8 @@ def test_centroid_is_that_of_the_triangles_and_moves_along(seed: int, scale: flo
     moved = scale * figure @ rotation.T + shift
     centroid = scale * rotation @ wanted + shift
     listed = moved[::-1], np.roll(moved, 5, axis=0), np.vstack([moved, moved[:1]])
-    for one in (moved, *listed, np.column_stack([moved, np.full(12, 7.0)])):
-        assert np.allclose(area_centroid(one), centroid, rtol=0, atol=1e-11 * scale)
+    for contour in (moved, *listed, np.column_stack([moved, np.full(12, 7.0)])):
+        assert np.allclose(area_centroid(contour), centroid, rtol=0, atol=1e-11 * scale)
     both = area_centroids(np.stack([figure, moved]))
     assert np.allclose(both, [wanted, centroid], rtol=0, atol=1e-11 * scale)
 
@@ -177,11 +177,13 @@ def test_touches_cross_and_repeated_vertices_do_not(scale: float):
     (np.tile([1.0, 2.0], (5, 1)), None, 0.0),
     (np.array([[0, 0], [1, 1], [2, 2.0]]), None, 0.0),
 ])  # fmt: skip
-def test_known_inscribed_circles(polygon: Floats, middle: list[float] | None, radius: float):
-    found = inscribed_circle(polygon)
-    assert found.radius == pytest.approx(radius, rel=1e-6)
+def test_inscribed_circles_equal_known_ones(
+    polygon: Floats, middle: list[float] | None, radius: float
+):
+    result = inscribed_circle(polygon)
+    assert result.radius == pytest.approx(radius, rel=1e-6)
     if middle is not None:
-        assert np.allclose(found.middle, middle, rtol=0, atol=1e-6 * radius)
+        assert np.allclose(result.middle, middle, rtol=0, atol=1e-6 * radius)
 
 
 def test_azimuth_match_is_the_ray_where_it_is_unique():

@@ -31,7 +31,7 @@ def test_box_rests_on_its_six_faces_the_largest_first():
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_solid_set_down_anyhow_settles_lower_on_one_of_its_sides(seed):
+def test_solid_settles_lower_on_one_of_its_sides(seed):
     down = np.random.default_rng(seed).normal(size=3)
     down /= np.linalg.norm(down)
     settled, solid = box().settled(down), box()
@@ -56,8 +56,8 @@ def test_pin_does_not_stand_on_its_point_but_falls_over():
     sides = np.column_stack([np.arange(24), follow, np.full(24, 24)])
     base = np.column_stack([np.full(22, 0), np.arange(2, 24), np.arange(1, 23)])
     leaning = RestingSolid(np.concatenate([ring, tip]), np.concatenate([sides, base]))
-    found = leaning.settled(np.array([0.0, 0.0, -1.0]))
-    assert found.down[2] > -0.9
+    result = leaning.settled(np.array([0.0, 0.0, -1.0]))
+    assert result.down[2] > -0.9
     upright = RestingSolid(
         np.concatenate([ring, [[0.0, 0.0, 0.05]]]), np.concatenate([sides, base])
     )
@@ -76,10 +76,10 @@ def test_smallest_rotation_takes_one_direction_to_another():
     rng = np.random.default_rng(0)
     for before in (*rng.normal(size=(5, 3)), [0.0, 0.0, 1.0]):
         for after in (*rng.normal(size=(5, 3)), [0.0, 0.0, -1.0], before):
-            one, two = (np.array(each) / np.linalg.norm(each) for each in (before, after))
-            turn = rotation_between(one, two)
-            assert turn @ one == pytest.approx(two, abs=1e-9)
+            direction, target = (np.array(each) / np.linalg.norm(each) for each in (before, after))
+            turn = rotation_between(direction, target)
+            assert turn @ direction == pytest.approx(target, abs=1e-9)
             assert turn.T @ turn == pytest.approx(np.eye(3), abs=1e-9)
             assert np.linalg.det(turn) == pytest.approx(1.0)
             cosine = 0.5 * (np.trace(turn) - 1.0)
-            assert cosine == pytest.approx(float(one @ two), abs=1e-9)
+            assert cosine == pytest.approx(float(direction @ target), abs=1e-9)

@@ -12,7 +12,7 @@ from palpate.core.explore.grasp import Closing, close_hand
 from palpate.core.poses import Pose
 from palpate.core.robot_time import ROBOT_PRESETS
 from palpate.core.touch import (
-    CONTACT,
+    DEFAULT_CONTACT,
     HITS,
     Pipeline,
     SimulatedTouch,
@@ -82,7 +82,7 @@ def touched(
     made = SimulatedTouch(shape, number, move.pose, move.pose, move.reach, move.depth, **times)
     state = tip.simulate(made, state)
     pad, axes = tip.finger.pad, made.believed.axes
-    image = clean(pad, made.reading, tip.noise, CONTACT, "auto")
+    image = clean(pad, made.reading, tip.noise, DEFAULT_CONTACT.min_compression, "auto")
     surface = pad.surface(image.compression, image.touched)
     patch = fit_patch(pad, surface, image.touched, np.array([0.0, 1.0, 0.0]), tip.noise)
     nothing, met = np.zeros((0, 3)), made.outcome in HITS

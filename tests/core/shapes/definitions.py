@@ -131,8 +131,8 @@ def cylinder(
             (a, b), e = section
             power = 2 / exact(e)
             gauge = (np.abs(x / a) ** power + np.abs(y / b) ** power) ** (1 / power)
-        within = np.clip(along.astype(float), heights[0], heights[-1])
-        size = natural(within) if smooth else np.interp(within, heights, scales)
+        inside = np.clip(along.astype(float), heights[0], heights[-1])
+        size = natural(inside) if smooth else np.interp(inside, heights, scales)
         end = np.maximum(heights[0] - along, along - heights[-1])
         return np.maximum(gauge - size, 30 * end)
 
@@ -201,10 +201,10 @@ def complement(case: Case) -> Case:
     return Case(lambda s: shapes.complement_of(case.make(s)), lambda points: -case.level(points))
 
 
-def without(first: Case, *others: Case) -> Case:
+def without(first: Case, *rest: Case) -> Case:
     return Case(
-        lambda s: shapes.difference(first.make(s), *(case.make(s) for case in others)),
-        intersection(first, *(complement(case) for case in others)).level,
+        lambda s: shapes.difference(first.make(s), *(case.make(s) for case in rest)),
+        intersection(first, *(complement(case) for case in rest)).level,
     )
 
 
@@ -262,15 +262,15 @@ def check_casts(
     rays = [(origins, np.broadcast_to(along, origins.shape)) for origins, along in bundles]
     casts = [case.solid.cast(origins, along[0], reach) for origins, along in rays]
     origins, directions = (np.concatenate(parts) for parts in zip(*rays, strict=True))
-    found = np.concatenate(casts)
+    result = np.concatenate(casts)
     wanted, least = first_entries(case.level, origins, directions, reach)
     clear = np.abs(least) > 1e-12  # else rounding decides whether a ray grazes
     inside = wanted == -np.inf
-    assert np.array_equal((found == -np.inf)[clear], inside[clear])
+    assert np.array_equal((result == -np.inf)[clear], inside[clear])
     # No entry is passed, and none is early but at a dip too thin for the samples.
-    assert (found <= wanted + tolerance)[clear].all()
-    early = np.flatnonzero(clear & ~inside & (found < wanted - tolerance))
-    places = origins + np.where(np.isfinite(found), found, 0.0)[:, None] * directions
+    assert (result <= wanted + tolerance)[clear].all()
+    early = np.flatnonzero(clear & ~inside & (result < wanted - tolerance))
+    places = origins + np.where(np.isfinite(result), result, 0.0)[:, None] * directions
     assert np.abs(case.level(places[early].astype(Wide)).astype(float)).max(initial=0.0) < 1e-10
     return casts
 

@@ -38,9 +38,9 @@ def test_blocks_that_touch_are_one_with_sharp_edges():
     upper = shapes.difference(block(0.04, 0.04, 0.05), block(0.05, 0.05, 0.02))
     whole = shapes.BooleanShape(shapes.Union((block(0.04, 0.04, 0.02), upper)))
     origins = np.array([[0.01, 0.01, 0.02], [0.01, 0.01, 0.06], [0.04 - 1e-9, 0.01, 0.06]])
-    found = whole.cast(np.concatenate([origins, [[0.04 + 1e-9, 0.01, 0.06]]]), DOWN, 1.0)
-    assert found[0] == INSIDE and found[3] == MISS
-    assert found[1:3] == pytest.approx([0.01, 0.01], abs=1e-15)
+    result = whole.cast(np.concatenate([origins, [[0.04 + 1e-9, 0.01, 0.06]]]), DOWN, 1.0)
+    assert result[0] == INSIDE and result[3] == MISS
+    assert result[1:3] == pytest.approx([0.01, 0.01], abs=1e-15)
     spans = whole.spans(origins[1:2], DOWN)[0]
     spans = spans[np.isfinite(spans[:, 0])]
     assert spans[0, 0] == pytest.approx(0.01) and spans[-1, 1] == pytest.approx(0.06)
@@ -87,10 +87,10 @@ EDGES = [0.0, 1e8, -1e8, 1e-8, -1e-8, 1.0, -1.0, 1.0 + 1e-12]
 VALUES = st.one_of(st.floats(-10, 10), st.floats(-1e200, 1e200), st.sampled_from(EDGES))
 
 
-def is_near(found: Any, wanted: Any) -> bool:
+def is_near(result: Any, wanted: Any) -> bool:
     if abs(wanted) < 1e-300:
-        return abs(float(found)) < 1e-299
-    return bool(abs(mpmath.mpf(float(found)) / wanted - 1) < 4e-15)
+        return abs(float(result)) < 1e-299
+    return bool(abs(mpmath.mpf(float(result)) / wanted - 1) < 4e-15)
 
 
 @settings(derandomize=True, deadline=None, max_examples=25)
@@ -106,8 +106,8 @@ def test_r_functions_have_all_digits_and_the_signs_of_logic(
         assert is_near(either, (a + b + root) / (1 + w))
         if root:
             wanted = (1 - (a - w * b) / root) / (1 + w), (1 - (b - w * a) / root) / (1 + w)
-            for found, slope in zip(conjunction_slopes(f1, f2, omega), wanted, strict=True):
-                assert is_near(found, slope)
+            for result, slope in zip(conjunction_slopes(f1, f2, omega), wanted, strict=True):
+                assert is_near(result, slope)
     assert both == complement(disjunction(complement(f1), complement(f2), omega))  # De Morgan
     assert both == conjunction(f2, f1, omega)
     both = conjunction(f1, f2, omega, smoothness=smoothness)
@@ -127,10 +127,10 @@ def test_slopes_of_r_functions_are_those_of_differences(omega, smoothness):
     keep = np.abs(np.abs(f1) - np.abs(f2)) > 1e-3  # with omega 1 there is an edge
     f1, f2 = f1[keep], f2[keep]
     for function, slopes in ((conjunction, conjunction_slopes), (disjunction, disjunction_slopes)):
-        found = slopes(f1, f2, omega, smoothness=smoothness)
-        for slope, one, two in zip(found, (step, 0.0), (0.0, step), strict=True):
-            ahead = function(f1 + one, f2 + two, omega, smoothness=smoothness)
-            back = function(f1 - one, f2 - two, omega, smoothness=smoothness)
+        result = slopes(f1, f2, omega, smoothness=smoothness)
+        for slope, d1, d2 in zip(result, (step, 0.0), (0.0, step), strict=True):
+            ahead = function(f1 + d1, f2 + d2, omega, smoothness=smoothness)
+            back = function(f1 - d1, f2 - d2, omega, smoothness=smoothness)
             assert np.allclose(slope, (ahead - back) / (2 * step), rtol=1e-5, atol=1e-7)
     times = (f1**2 + f2**2) ** (smoothness / 2)
     smooth = conjunction(f1, f2, omega, smoothness=smoothness)

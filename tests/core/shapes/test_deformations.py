@@ -83,8 +83,8 @@ def test_largest_curvature_leaves_the_inner_side_some_length():
     assert shapes.largest_curvature(wide, np.array([0.5, 0.0]), 0.0) == pytest.approx(0.98 / 0.045)
     ellipse = shapes.Superquadric(np.array([0.03, 0.01, 0.01]), np.ones(2))
     reach = math.hypot(0.03, 0.01) / math.sqrt(2)
-    found = shapes.largest_curvature(ellipse, np.zeros(2), math.pi / 4)
-    assert found == pytest.approx(0.98 / reach)
+    result = shapes.largest_curvature(ellipse, np.zeros(2), math.pi / 4)
+    assert result == pytest.approx(0.98 / reach)
 
 
 def test_bend_and_taper_of_next_to_nothing_leave_the_base():
@@ -95,9 +95,9 @@ def test_bend_and_taper_of_next_to_nothing_leave_the_base():
     assert met.sum() > 50
     for curvature in (0.0, 1e-300, -1e-300, 1e-201, 1e-150, 1e-16, -1e-16, 1e-12):
         solid = deformed((0.4, 0.7), (0.0, 0.0), shapes.Bend(curvature, 2.0))
-        found = solid.cast(origins, left, 1.0)
-        assert np.array_equal(np.isfinite(found), met)
-        assert np.allclose(found[met], wanted[met], rtol=0, atol=1e-13)
+        result = solid.cast(origins, left, 1.0)
+        assert np.array_equal(np.isfinite(result), met)
+        assert np.allclose(result[met], wanted[met], rtol=0, atol=1e-13)
 
 
 @pytest.mark.parametrize("azimuth", [0.0, 0.7, math.pi / 2, 4.0])
@@ -119,13 +119,13 @@ FACETS = 10e-6  # how far the facets of a 0.1 m object stand off at most [m]
 
 @pytest.mark.parametrize("exact", [pytest.param(False, marks=pytest.mark.slow), True])
 def test_widened_ball_is_met_missed_and_begun_inside(exact):
-    box, within = BALL.enclosure(), 1e-14 if exact else 3 * FACETS
+    box, inside = BALL.enclosure(), 1e-14 if exact else 3 * FACETS
     wide = shapes.DeformedShape(BALL, layered_lattice(box, [LatticeLayer(1.5)] * 4), exact)
     origins = np.array([[0.0, 0.0, 0.0], [0.04, 0.0, 0.06], [0.046, 0.0, 0.06]])
     height = 0.03 * math.sqrt(1 - (0.04 / 0.045) ** 2)
-    found = wide.cast(origins, DOWN, 1.0)
-    assert (found[0], found[2]) == (INSIDE, MISS)
-    assert found[1] == pytest.approx(0.06 - height, abs=within)
+    result = wide.cast(origins, DOWN, 1.0)
+    assert (result[0], result[2]) == (INSIDE, MISS)
+    assert result[1] == pytest.approx(0.06 - height, abs=inside)
     assert wide.cast(origins[1:2], DOWN, 0.01)[0] == MISS
     assert wide.cast(origins[:1], DOWN, 1e-9)[0] == INSIDE
     assert np.allclose(wide.bounds(), [[-0.045] * 2 + [-0.03], [0.045] * 2 + [0.03]], atol=FACETS)
@@ -175,10 +175,10 @@ def test_exact_casts_agree_with_a_formula_and_facets_nearly(name):
     wanted = stretch * (base.cast(origins, left, 1.0) - 3.0 * z * z)
     met = np.isfinite(wanted)
     rays = origins @ MATRIX.T, MATRIX @ left / stretch
-    found = shapes.DeformedShape(base, Warp(), exact=True).cast_exactly(*rays, 1.0)
-    assert np.array_equal(np.isfinite(found.ranges), met) and met.sum() > 20
-    assert (found.met, found.kept) == (met.sum(), 0)
-    assert np.allclose(found.ranges[met], wanted[met], rtol=0, atol=1e-13)
+    result = shapes.DeformedShape(base, Warp(), exact=True).cast_exactly(*rays, 1.0)
+    assert np.array_equal(np.isfinite(result.ranges), met) and met.sum() > 20
+    assert (result.met, result.kept) == (met.sum(), 0)
+    assert np.allclose(result.ranges[met], wanted[met], rtol=0, atol=1e-13)
     if name == "bent":
         off = np.abs(shapes.DeformedShape(base, Warp()).cast(*rays, 1.0)[met] - wanted[met])
         assert np.median(off) < FACETS and off.max() > 1e-9
@@ -192,9 +192,9 @@ def test_start_between_facet_and_exact_surface_is_inside():
     origins = np.random.default_rng(0).uniform(-0.02, 0.02, (50, 3)) + [0.0, 0.0, 0.1]
     off = undeformed().cast(origins, DOWN, 1.0) - BALL.cast(origins, DOWN, 1.0)
     assert np.abs(off).max() < 1e-14
-    found = undeformed().cast(starts, -out, 1.0)
-    assert found[:2].tolist() == [INSIDE, INSIDE]
-    assert found[2] == pytest.approx(0.1 * depth, abs=1e-12)
+    result = undeformed().cast(starts, -out, 1.0)
+    assert result[:2].tolist() == [INSIDE, INSIDE]
+    assert result[2] == pytest.approx(0.1 * depth, abs=1e-12)
 
 
 def test_rays_that_do_not_converge_keep_their_facets_and_are_counted():
@@ -207,9 +207,9 @@ def test_rays_that_do_not_converge_keep_their_facets_and_are_counted():
 
     shy = shapes.DeformedShape(Shy(BALL.size, BALL.exponents), SAME, True)
     origins = np.array([[0.0, 0.0, 0.1], [0.01, 0.0, 0.1], [0.2, 0.0, 0.1]])
-    found, exact = shy.cast_exactly(origins, DOWN, 1.0), undeformed()
-    assert (found.met, found.kept) == (2, 2)
-    assert np.allclose(found.ranges[:2], BALL.cast(origins[:2], DOWN, 1.0), rtol=0, atol=FACETS)
+    result, exact = shy.cast_exactly(origins, DOWN, 1.0), undeformed()
+    assert (result.met, result.kept) == (2, 2)
+    assert np.allclose(result.ranges[:2], BALL.cast(origins[:2], DOWN, 1.0), rtol=0, atol=FACETS)
     assert exact.cast_exactly(origins, DOWN, 1.0)[1:] == (2, 0)
     nothing = exact.cast_exactly(origins[2:], DOWN, 1.0)
     assert nothing[1:] == (0, 0) and nothing.ranges[0] == MISS

@@ -32,10 +32,10 @@ def bundles(case: Case, seed: int, count: int) -> Iterator[tuple[Floats, Floats]
         yield places - rng.choice([0.0, 0.15], (20, 1)) * direction, direction
 
 
-def assert_same_ranges(found: Floats, wanted: Floats, tolerance: float) -> None:
+def assert_same_ranges(result: Floats, wanted: Floats, tolerance: float) -> None:
     met = np.isfinite(wanted)
-    assert np.array_equal(found[~met], wanted[~met])
-    assert np.allclose(found[met], wanted[met], rtol=0, atol=tolerance)
+    assert np.array_equal(result[~met], wanted[~met])
+    assert np.allclose(result[met], wanted[met], rtol=0, atol=tolerance)
 
 
 @every
@@ -43,10 +43,10 @@ def test_casts_are_first_entries_by_definition(name):
     case, rays = SOLIDS[name], list(bundles(SOLIDS[name], 7, 3))
     casts = check_casts(case, rays, 0.3)
     assert np.isfinite(casts).sum() > 12
-    for (origins, direction), found in zip(rays, casts, strict=True):
+    for (origins, direction), result in zip(rays, casts, strict=True):
         nearer = case.solid.cast(origins, direction, 0.1)
-        assert_same_ranges(nearer, np.where(found <= 0.1, found, MISS), 1e-12)
-        assert_same_ranges(case.solid.cast(origins, direction, np.inf), found, 1e-12)
+        assert_same_ranges(nearer, np.where(result <= 0.1, result, MISS), 1e-12)
+        assert_same_ranges(case.solid.cast(origins, direction, np.inf), result, 1e-12)
 
 
 @every
@@ -69,9 +69,9 @@ def test_spans_are_where_the_definition_is_negative(name):
     for origins, direction in bundles(case, 11, 2):
         spans = case.solid.spans(origins, direction)
         level = case.level(origins[:, None] + travelled[:, None] * direction)
-        within = ((spans[..., :1] <= travelled) & (travelled <= spans[..., 1:])).any(axis=1)
+        inside = ((spans[..., :1] <= travelled) & (travelled <= spans[..., 1:])).any(axis=1)
         clear = np.abs(level) > 1e-6
-        assert np.array_equal(within[clear], (level <= 0)[clear])
+        assert np.array_equal(inside[clear], (level <= 0)[clear])
         assert_same_ranges(spans[:, 0, 0], case.solid.cast(origins, direction, np.inf), 1e-11)
         # From behind, the same spans are seen in reverse.
         ahead = case.solid.spans(origins - 0.5 * direction, direction)

@@ -16,7 +16,7 @@ CONE = shapes.GeneralisedCylinder(ROUND, np.array([0.0, 0.09]), np.array([1.0, 0
 VASE = shapes.GeneralisedCylinder(shapes.SplineSection(RADII), HEIGHTS, SCALES, smooth=True)
 
 
-def test_convexity_is_known():
+def test_convexity_is_detected():
     dome = shapes.GeneralisedCylinder(ROUND, HEIGHTS, np.array([1.0, 0.95, 0.85, 0.4]))
     smooth = shapes.GeneralisedCylinder(
         ROUND, HEIGHTS, np.array([1.0, 0.95, 0.85, 0.4]), smooth=True

@@ -79,8 +79,8 @@ def test_enclosures_of_half_spaces_agree_with_linear_programming(count):
             for normal, offset in zip(normals, offsets, strict=True)
         ]
         if np.isfinite(wanted).all():
-            found = shapes.BooleanShape(shapes.Intersection(tuple(parts))).enclosure()
-            assert np.allclose(found, wanted, rtol=1e-7)
+            result = shapes.BooleanShape(shapes.Intersection(tuple(parts))).enclosure()
+            assert np.allclose(result, wanted, rtol=1e-7)
         else:
             with pytest.raises(ValueError, match="the intersection that is the tree is unbounded"):
                 shapes.BooleanShape(shapes.Intersection(tuple(parts)))

@@ -33,25 +33,25 @@ def volume_of(mesh: Mesh) -> float:
     return float(solidity(*mesh).volume)
 
 
-def mends_of(mesh: Mesh, volume: float, genus: int = 0, within: float = 1e-9) -> str:
+def mends_of(mesh: Mesh, volume: float, genus: int = 0, rtol: float = 1e-9) -> str:
     """What was mended, if the result is one solid in which nothing is left to mend."""
-    found = mend_mesh(*mesh)
-    body = solidity(found.vertices, found.faces)
+    result = mend_mesh(*mesh)
+    body = solidity(result.vertices, result.faces)
     assert (body.watertight, body.components, body.genus) == (True, 1, genus)
-    assert body.volume == pytest.approx(volume, rel=within)
-    again = mend_mesh(found.vertices, found.faces)
-    assert again.mends == () and again.vertices is found.vertices
-    return "; ".join(found.mends)
+    assert body.volume == pytest.approx(volume, rel=rtol)
+    again = mend_mesh(result.vertices, result.faces)
+    assert again.mends == () and again.vertices is result.vertices
+    return "; ".join(result.mends)
 
 
-def test_sound_meshes_stay_as_they_are():
+def test_sound_meshes_are_unchanged():
     # The last one's base folds within its own plane.
     turns = np.arange(16) * np.pi / 8
     rim = 0.04 * np.column_stack([np.cos(turns), np.sin(turns), 0.0 * turns])
     cup = [[[0.0401, 0.008, 0.0]], rim, 1.1 * rim + [0.0, 0.0, 0.03], [[0.0, 0.0, 0.05]]]
     for vertices, faces in (BALL, RING, (np.concatenate(cup), join_rings(np.array([16, 16])))):
-        found = mend_mesh(vertices, faces)
-        assert found.vertices is vertices and found.faces is faces and found.mends == ()
+        result = mend_mesh(vertices, faces)
+        assert result.vertices is vertices and result.faces is faces and result.mends == ()
 
 
 def fine_pole() -> tuple[Floats, Ints, Ints]:
@@ -71,18 +71,18 @@ def test_small_holes_and_small_crossings_are_closed():
     vertices, faces, order = fine_pole()
     whole, pair = volume_of((vertices, faces)), order[[0, 8]]  # the second is two edges away
     vertices[pair] = vertices[pair[::-1]]
-    words = mends_of((vertices, faces), whole, within=1e-3)
+    words = mends_of((vertices, faces), whole, rtol=1e-3)
     assert "crossing of up to" in words
     assert words.endswith("faces that crossed others cut where they did")
     # A hole whose rim, a quadrilateral, crosses itself seen from above.
     vertices, faces, order = fine_pole()
     near = np.flatnonzero((faces == order[20]).any(axis=1))
     two = [n for n in near if len({*faces[near[0]], *faces[n]}) in (3, 4)][:2]
-    one, other = (set(faces[n].tolist()) for n in two)
-    swapped = [*(one - other), *((one & other) - {int(order[20])})]
+    corners, other = (set(faces[n].tolist()) for n in two)
+    swapped = [*(corners - other), *((corners & other) - {int(order[20])})]
     vertices[swapped] = vertices[swapped[::-1]]
     open_ones = np.delete(faces, two, axis=0)
-    assert "closed" in mends_of((vertices, open_ones), whole, within=1e-3)
+    assert "closed" in mends_of((vertices, open_ones), whole, rtol=1e-3)
 
 
 def test_faces_are_turned_like_their_neighbours_and_outwards():
@@ -93,7 +93,7 @@ def test_faces_are_turned_like_their_neighbours_and_outwards():
     assert mends_of(turned(BALL), volume_of(BALL)) == "turned outwards"
     both = joined(BALL, turned(shifted(BALL, 0.02)))
     lens = np.pi * (4 * RADIUS + 0.02) * (2 * RADIUS - 0.02) ** 2 / 12
-    words = mends_of(both, 2 * volume_of(BALL) - lens, within=5e-3)  # of facets
+    words = mends_of(both, 2 * volume_of(BALL) - lens, rtol=5e-3)  # of facets
     assert words.startswith("1 piece turned outwards; 2 pieces united; ")
     assert words.endswith(" faces that crossed others cut where they did")
 
@@ -111,7 +111,7 @@ def test_doubled_faces_fins_and_inner_faces_are_left_out():
 def test_pieces_that_overlap_are_united():
     half = joined(BALL, shifted(BALL, 0.0, 0.5))
     assert mends_of(half, volume_of(BALL)) == "2 pieces united"
-    words = mends_of(joined(RING, shifted(RING, 0.03)), 2 * volume_of(RING), 3, within=0.2)
+    words = mends_of(joined(RING, shifted(RING, 0.03)), 2 * volume_of(RING), 3, rtol=0.2)
     assert words.startswith("2 pieces united; ") and words.endswith("; 3 handles kept")
 
 
@@ -127,7 +127,7 @@ def test_hollows_are_filled_and_specks_left_out():
     parts = [trimesh.creation.box([0.08, 0.08, 0.04]), room.apply_translation([0.0, 0.0, 0.01])]
     bowl = arrays(trimesh.boolean.difference(parts, engine="manifold"))
     closed = joined(bowl, arrays(lid.apply_translation([0.0, 0.0, 0.02])))
-    words = mends_of(closed, 0.08**2 * 0.035 + 0.09**2 * 0.01, within=1e-6)
+    words = mends_of(closed, 0.08**2 * 0.035 + 0.09**2 * 0.01, rtol=1e-6)
     assert words.startswith("2 pieces united; 1 closed hollow of 1.5e+02 cm3 in all filled; ")
 
 
@@ -141,7 +141,7 @@ def test_piece_that_crosses_itself_is_cut_where_planes_part_it():
     rings = line[:, None] + 0.01 * (np.cos(turn) * np.cross(up, along)[:, None] + np.sin(turn) * up)
     vertices = np.concatenate([line[:1], rings.reshape(-1, 3), line[-1:]])
     tube = vertices, join_rings(np.full(60, 12))
-    words = mends_of(tube, 0.94 * volume_of(tube), 1, within=0.02)
+    words = mends_of(tube, 0.94 * volume_of(tube), 1, rtol=0.02)
     assert words.endswith(" faces that crossed others cut where they did; 1 handle kept")
 
 
@@ -175,19 +175,19 @@ X, Y, Z = 0.04 * np.eye(3)
 ])  # fmt: skip
 def test_walls_and_sheets_of_a_closed_block_are_left_out(walls, words):
     mesh = block_with(walls, [(4, 4)] * 6)
-    assert mends_of(mesh, 0.04**3, within=1e-6) == f"{words} left out"
+    assert mends_of(mesh, 0.04**3, rtol=1e-6) == f"{words} left out"
 
 
 def test_faces_without_common_corners_are_stitched():
     for seed in range(3):
         counts = np.random.default_rng(seed).integers(1, 6, (6, 2))
-        words = mends_of(block_with([], counts), 0.04**3, within=1e-6)
+        words = mends_of(block_with([], counts), 0.04**3, rtol=1e-6)
         assert words.endswith("on open edges set into edges that passed them")
     vertices, faces = BALL
     soup = vertices[faces].reshape(-1, 3)
     soup = soup + np.random.default_rng(1).uniform(-1e-6, 1e-6, soup.shape)
     alone = np.arange(len(soup), dtype=np.int32).reshape(-1, 3)
-    words = mends_of((soup, alone), volume_of(BALL), within=1e-3)
+    words = mends_of((soup, alone), volume_of(BALL), rtol=1e-3)
     assert words == f"{len(soup) - len(vertices)} corners on open edges stitched to others"
 
 
@@ -219,6 +219,6 @@ FLAT = 0.04 * np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], np.float64)
     (moebius_strip(), "has one side only, like a Moebius strip"),
     ((FLAT, SHEET), "bounds no solid: its faces enclose nothing"),
 ])  # fmt: skip
-def test_what_bounds_no_single_solid_is_refused(mesh, sentence):
+def test_meshes_without_single_solid_are_refused(mesh, sentence):
     with pytest.raises(ValueError, match=sentence):
         mend_mesh(*mesh)

@@ -26,7 +26,7 @@ def prism(outline: Any, height: float = 0.03) -> tuple[Floats, list[list[int]]]:
     return corners, [list(range(n))[::-1], list(range(n, 2 * n)), *sides]
 
 
-def test_cube_knows_its_volume_bounds_and_mesh():
+def test_cube_has_its_volume_bounds_and_mesh():
     for faces in (CUBE, [face[::-1] for face in CUBE]):  # turned outwards if it must be
         cube = Polyhedron(CORNERS, faces)
         assert cube.volume == pytest.approx(0.06**3)
@@ -34,8 +34,8 @@ def test_cube_knows_its_volume_bounds_and_mesh():
         assert len(cube.mesh(0).faces) == len(cube.mesh(6).faces) == 12
         assert solidity(*cube.mesh(0)).volume == pytest.approx(0.06**3)
         origins = np.array([[0.01, 0.01, 0.1], [0.01, 0.01, 0.03], [0.07, 0.01, 0.1]])
-        found = cube.cast(origins, DOWN, 1.0).tolist()
-        assert found == [pytest.approx(0.04, abs=1e-16), INSIDE, MISS]
+        result = cube.cast(origins, DOWN, 1.0).tolist()
+        assert result == [pytest.approx(0.04, abs=1e-16), INSIDE, MISS]
         a, b, c = CORNERS[cube.edges.corners[cube.edges.begins[1] :][:3]]
         assert np.cross(b - a, c - a)[2] > 0.0  # the upper face looks up
 
@@ -109,7 +109,7 @@ TOUCHING = np.concatenate([CORNERS, -CORNERS[1:]])
     (CORNERS, CUBE[1:], r"faces\[1\] has no neighbour at the edge from vertex 0 to 1"),
     (CORNERS, CUBE[:5], "the surface must be closed"),
     (CORNERS, [CUBE[0][::-1], *CUBE[1:]],
-     r"faces\[0\] and faces\[2\] both walk the edge from vertex 0 to 1 in this direction"),
+     r"faces\[0\] and faces\[2\] both pass the edge from vertex 0 to 1 in this direction"),
     (TOUCHING, [*CUBE, *[[c and c + 7 for c in face[::-1]] for face in CUBE]],
      r"vertices\[0\] joins 2 parts of the surface that only touch there"),
 ])  # fmt: skip
@@ -139,20 +139,20 @@ def test_simple_outlines_are_covered_once_from_any_first_corner(straight, repeat
         places = np.column_stack([outline, height])
         places = places @ rotations_from_vectors(rng.normal(size=(1, 3)))[0].T + rng.normal(size=3)
         places = np.roll(np.repeat(places, 1 + repeated, axis=0), rng.integers(count), axis=0)
-        found = cut_faces(places, np.array([len(places)]), np.arange(len(places)))
+        result = cut_faces(places, np.array([len(places)]), np.arange(len(places)))
         area, relative = signed_area(outline), 1e-9 if straight else 0.2  # it leaves its plane
-        assert areas(places, found).sum() == pytest.approx(area, rel=relative)
-        a, b, c = places[found].transpose(1, 0, 2)
+        assert areas(places, result).sum() == pytest.approx(area, rel=relative)
+        a, b, c = places[result].transpose(1, 0, 2)
         total = 0.5 * np.linalg.norm(np.cross(b - a, c - a).sum(axis=0))  # all turned alike
-        assert total == pytest.approx(areas(places, found).sum(), rel=relative)
-        assert areas(places, found).min() > 1e-9  # corners on straight edges make no flat one
+        assert total == pytest.approx(areas(places, result).sum(), rel=relative)
+        assert areas(places, result).min() > 1e-9  # corners on straight edges make no flat one
 
 
 def test_many_faces_are_cut_and_a_crossed_one_is_named():
     places = np.array([[0, 0, 0], [2, 2, 0], [2, 0, 0], [0, 1, 0], [1, 0.2, 0]], float)
     numbers = np.array([0, 2, 1, 0, 2, 1, 3, 0, 4, 2, 1])
-    found = cut_faces(places, np.array([3, 4, 4]), numbers)
-    assert areas(places, found).sum() == pytest.approx(2.0 + 3.0 + 1.8)
+    result = cut_faces(places, np.array([3, 4, 4]), numbers)
+    assert areas(places, result).sum() == pytest.approx(2.0 + 3.0 + 1.8)
     only = cut_faces(places, np.array([3, 3]), np.array([0, 2, 1, 0, 1, 3]))
     assert only.tolist() == [[0, 2, 1], [0, 1, 3]]
     with pytest.raises(ValueError, match="has a face, number 2, that lies in no plane or whose"):

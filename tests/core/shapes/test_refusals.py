@@ -153,7 +153,7 @@ def test_unbounded_empty_and_oversized_trees_are_refused(tree, sentence):
         BooleanShape(tree)
 
 
-def test_what_is_just_allowed_is_made():
+def test_limit_values_are_accepted():
     BooleanShape(Intersection((BALL, *(UPPER,) * 62)))
     Bend(0.5)(np.array([[1.998, 0.0, 0.0], [-18.0, 0.0, 6.28]]))
     bent([0.0, 0.0], 32.66)

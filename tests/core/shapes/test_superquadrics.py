@@ -36,10 +36,10 @@ def test_log_f_agrees_with_50_digits_near_far_and_beside_the_axes():
         points[6:10] = points[6:10, :1]  # on a diagonal
         if number % 2:
             points = 10.0 ** rng.uniform(-200, 5, (20, 3))
-        found = shapes.inside_outside(points, exponents).value
+        result = shapes.inside_outside(points, exponents).value
         with mpmath.workdps(50):
             e1, e2 = (mpmath.mpf(float(e)) for e in exponents)
-            for point, value in zip(points.tolist(), found.tolist(), strict=True):
+            for point, value in zip(points.tolist(), result.tolist(), strict=True):
                 x, y, z = (mpmath.mpf(coordinate) for coordinate in point)
                 across = x ** (2 / e2) + y ** (2 / e2)
                 wanted = e1 * mpmath.log(across ** (e2 / e1) + z ** (2 / e1))
@@ -55,13 +55,13 @@ def test_f_is_finite_homogeneous_and_the_same_in_all_octants(pair):
     assert np.allclose(far.value, wanted.value + 2 * math.log(1e5), rtol=0, atol=1e-13)
     assert np.allclose(far.by_log, wanted.by_log, rtol=0, atol=1e-11)
     for signs in np.array(np.meshgrid([1, -1], [1, -1], [1, -1])).reshape(3, 8).T:
-        found = shapes.inside_outside(np.abs(POINTS) * signs, pair)
-        assert np.array_equal(found.value, wanted.value)
-        assert np.array_equal(found.by_place * signs, wanted.by_place)
+        result = shapes.inside_outside(np.abs(POINTS) * signs, pair)
+        assert np.array_equal(result.value, wanted.value)
+        assert np.array_equal(result.by_place * signs, wanted.by_place)
     tiny = [[1e-200, 1, 1], [1, 1e-200, 1e-200], [1e-200] * 3, [1e5] * 3, [1e-300, 0, 1e5]]
-    found = shapes.inside_outside(tiny, pair)
-    assert all(np.isfinite(part).all() for part in found)
-    assert found.value[2] == pytest.approx(found.value[3] - 2 * math.log(1e205), abs=1e-11)
+    result = shapes.inside_outside(tiny, pair)
+    assert all(np.isfinite(part).all() for part in result)
+    assert result.value[2] == pytest.approx(result.value[3] - 2 * math.log(1e205), abs=1e-11)
     # Powers of 30 that overflow when squared leave no trace on the axes.
     axes = shapes.inside_outside(30.0 * np.eye(3), np.maximum(pair, 0.01)).value
     assert np.exp(axes) == pytest.approx(900.0, rel=1e-14)
@@ -70,24 +70,24 @@ def test_f_is_finite_homogeneous_and_the_same_in_all_octants(pair):
 @pytest.mark.parametrize("pair", [[0.1, 0.1], [1.0, 1.0], [0.3, 1.7], [1.9, 1.9]])
 def test_derivatives_of_log_f_are_those_of_differences(pair):
     points = np.random.default_rng(3).uniform(0.2, 2.0, (60, 3)) * [1, -1, 1]
-    found = shapes.inside_outside(points, pair)
+    result = shapes.inside_outside(points, pair)
     for axis, shift in enumerate(np.eye(3)):
         wanted = differences(lambda at: shapes.inside_outside(at, pair).value, points, shift)
-        assert np.allclose(found.by_place[:, axis], wanted, atol=1e-7)
-        assert np.allclose(found.by_log[:, axis], found.by_place[:, axis] * points[:, axis])
+        assert np.allclose(result.by_place[:, axis], wanted, atol=1e-7)
+        assert np.allclose(result.by_log[:, axis], result.by_place[:, axis] * points[:, axis])
     for which, shift in enumerate(np.eye(2)):
         by = np.array(pair)
         wanted = differences(lambda e: shapes.inside_outside(points, e).value, by, shift)
-        assert np.allclose(found.by_exponents[:, which], wanted, atol=1e-6)
+        assert np.allclose(result.by_exponents[:, which], wanted, atol=1e-6)
 
 
 @pairs
 def test_centre_has_f_0_finite_slopes_and_a_normal_upwards(pair):
-    found = shapes.inside_outside(np.zeros((1, 3)), pair)
-    assert all(np.isfinite(part).all() for part in found)
-    assert np.exp(found.value[0]) == 0.0
-    assert not np.concatenate([found.by_place, found.by_log], axis=1).any()
-    assert not found.by_exponents.any()
+    result = shapes.inside_outside(np.zeros((1, 3)), pair)
+    assert all(np.isfinite(part).all() for part in result)
+    assert np.exp(result.value[0]) == 0.0
+    assert not np.concatenate([result.by_place, result.by_log], axis=1).any()
+    assert not result.by_exponents.any()
     shape = shape_of(pair)
     near = np.outer([1e-3, 1e-9, 1e-200], [1.0, 0.0, 0.0])
     radial = near[:, 0] - near[:, 0] / shape.gauge(near)  # |x| (1 - 1 / gauge)
@@ -100,14 +100,14 @@ def test_centre_has_f_0_finite_slopes_and_a_normal_upwards(pair):
 @pytest.mark.parametrize("pair", [[2.0, 2.0], [1.0, 2.0], [2.0, 1.0], [1.5, 1.5]])
 def test_gradient_in_a_crease_is_the_mean_of_both_sides(pair):
     on = np.array([[0.0, 0.6, 0.4], [0.6, 0.0, 0.4], [0.6, 0.4, 0.0], [0.0, 0.0, 1.0]])
-    found = shapes.inside_outside(on, pair)
-    assert all(np.isfinite(part).all() for part in found)
-    gauge = np.exp(0.5 * found.value)
-    assert (np.abs(found.by_place) <= 2.0 / gauge[:, None] * (1 + 1e-15)).all()
+    result = shapes.inside_outside(on, pair)
+    assert all(np.isfinite(part).all() for part in result)
+    gauge = np.exp(0.5 * result.value)
+    assert (np.abs(result.by_place) <= 2.0 / gauge[:, None] * (1 + 1e-15)).all()
     for row, axis in enumerate([0, 1, 2]):
         sides = [on[row] + side * 1e-9 * np.eye(3)[axis] for side in (1, -1)]
         mean = shapes.inside_outside(sides, pair).by_place.mean(axis=0)
-        assert found.by_place[row] == pytest.approx(mean, abs=1e-4)
+        assert result.by_place[row] == pytest.approx(mean, abs=1e-4)
 
 
 @pairs
@@ -212,7 +212,7 @@ def second_moments(mesh: shapes.Mesh) -> Floats:
     return np.asarray((second + np.einsum("m,mi,mj->ij", six, total, total)) / 120.0)
 
 
-def test_volumes_agree_with_40_digits():
+def test_volumes_agree_to_40_digits():
     for pair in ([1e-3, 1e-3], [0.02, 2.0], [0.3, 0.8], [1.0, 1.0], [2.0, 3.0]):
         with mpmath.workdps(40):
             e1, e2 = (mpmath.mpf(e) for e in pair)
@@ -225,29 +225,29 @@ def test_volumes_agree_with_40_digits():
 @pytest.mark.parametrize("taper", [[0.0, 0.0], [0.6, -0.4], [-0.9, -0.9]])
 def test_moments_are_those_of_fine_meshes(pair, taper):
     shape = shape_of(pair, 10 * SIZE)
-    found = shapes.superquadric_moments(shape, taper)
+    result = shapes.superquadric_moments(shape, taper)
     meshes = [shapes.DeformedSuperquadric(shape, np.array(taper)).mesh(level) for level in (4, 5)]
     # The facets' error falls with the square of their size, but at edges.
     coarse, fine = (solidity(*mesh).volume for mesh in meshes)
-    assert found.volume == pytest.approx(fine + (fine - coarse) / 3, rel=1e-4)
+    assert result.volume == pytest.approx(fine + (fine - coarse) / 3, rel=1e-4)
     coarse, fine = (second_moments(mesh) for mesh in meshes)
     second = fine + (fine - coarse) / 3
-    assert np.allclose(found.second, second, rtol=2e-4, atol=2e-4 * np.abs(second).max())
-    assert np.allclose(found.inertia(), np.trace(found.second) * np.eye(3) - found.second)
+    assert np.allclose(result.second, second, rtol=2e-4, atol=2e-4 * np.abs(second).max())
+    assert np.allclose(result.inertia(), np.trace(result.second) * np.eye(3) - result.second)
     # A taper adds what its polynomial says to volume and centroid, exactly.
     plain = shapes.superquadric_moments(shape)
     gain = taper[0] * taper[1] * plain.second[2, 2] / shape.size[2] ** 2
     volume = shapes.superquadric_volume(shape.size, pair) + gain
-    assert found.volume == pytest.approx(volume, rel=1e-13)
-    rise = sum(taper) * plain.second[2, 2] / shape.size[2] / found.volume
-    assert found.centroid == pytest.approx([0.0, 0.0, rise], rel=1e-13)
+    assert result.volume == pytest.approx(volume, rel=1e-13)
+    rise = sum(taper) * plain.second[2, 2] / shape.size[2] / result.volume
+    assert result.centroid == pytest.approx([0.0, 0.0, rise], rel=1e-13)
 
 
 @pytest.mark.parametrize(
     ("e", "taper", "curvature"),
     [(0.1, (0, 0), 0.0), (1.0, (0.7, -0.5), 0.0), (2.0, (0.4, 0.2), 1.8), (0.4, (0.4, 0.2), 1.8)],
 )
-def test_samples_are_even_by_area_and_depend_on_the_generator_alone(e, taper, curvature):
+def test_area_samples_are_uniform_and_reproducible(e, taper, curvature):
     base, bend = shape_of([e, e], 10 * SIZE), shapes.Bend(curvature, 0.7)
     solid = shapes.DeformedSuperquadric(base, np.array(taper), bend)
     vertices, faces = solid.mesh(6)
@@ -261,8 +261,8 @@ def test_samples_are_even_by_area_and_depend_on_the_generator_alone(e, taper, cu
     def deviations(sampled: Floats) -> Floats:
         """Of the features' means from those over the area, in standard errors."""
         wanted = areas @ features(vertices[faces].mean(axis=1)) / areas.sum()
-        found = features(sampled)
-        return np.asarray((found.mean(axis=0) - wanted) / (found.std(axis=0) / len(found) ** 0.5))
+        drawn = features(sampled)
+        return np.asarray((drawn.mean(axis=0) - wanted) / (drawn.std(axis=0) / len(drawn) ** 0.5))
 
     sampled = shapes.area_samples(surface, 20_000, np.random.default_rng(0))
     assert np.abs(solid.gauge(sampled) - 1.0).max() < 1e-12

@@ -35,7 +35,7 @@ def bundles(count: int) -> Iterator[tuple[Floats, Floats]]:
 
 
 @backends
-def test_first_hits_are_places_on_faces_that_stand_off_by_their_sag(embree):
+def test_first_hits_lie_on_facets_within_sag(embree):
     vertices, faces = BALL.mesh(4)
     facets = TriangleShape(vertices, faces, embree)
     # The farthest that a point of a face lies below the sphere.
@@ -62,7 +62,7 @@ def test_first_hits_are_places_on_faces_that_stand_off_by_their_sag(embree):
 
 
 @backends
-def test_rays_stop_at_their_reach_and_know_inside(embree):
+def test_rays_have_reach_and_detect_inside_start(embree):
     mesh = BALL.mesh(3)
     facets = TriangleShape(*mesh, embree)
     origin = np.array([[0.0, 0.0, -0.1]])
@@ -76,8 +76,8 @@ def test_rays_stop_at_their_reach_and_know_inside(embree):
     assert facets.mesh(0) == facets.mesh(5) == mesh
     cube = TriangleShape(*block([0, 0, 0], [1, 1, 1]).solid.mesh(0), embree)
     origins = np.array([[0.5, 0.25, -2.0], [1.25, 0.5, -2.0], [0.25, 0.5, 0.5], [0.5, 0.5, 3.0]])
-    found = cube.cast(origins, UP, 5.0)  # sides are seen edge-on
-    assert found[0] == pytest.approx(2.0) and found[1:].tolist() == [MISS, INSIDE, MISS]
+    result = cube.cast(origins, UP, 5.0)  # sides are seen edge-on
+    assert result[0] == pytest.approx(2.0) and result[1:].tolist() == [MISS, INSIDE, MISS]
 
 
 @backends
@@ -141,10 +141,10 @@ def test_thin_walls_and_openings_are_met_as_by_exact_casts(embree):
     for solid, other in zip(exact, facets, strict=True):
         for origins, direction in bundles(6):
             origins = origins + [0.03, 0.03, 0.02]
-            wanted, found = (shape.cast(origins, direction, 0.4) for shape in (solid, other))
+            wanted, result = (shape.cast(origins, direction, 0.4) for shape in (solid, other))
             met = np.isfinite(wanted)
-            assert np.array_equal(found[~met], wanted[~met])
-            assert np.allclose(found[met], wanted[met], rtol=0, atol=1e-12)
+            assert np.array_equal(result[~met], wanted[~met])
+            assert np.allclose(result[met], wanted[met], rtol=0, atol=1e-12)
 
 
 def test_superquadric_meshes_split_faces_in_four_and_have_no_slivers():

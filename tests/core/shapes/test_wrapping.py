@@ -34,31 +34,31 @@ def wrong(kind: str) -> tuple[Floats, Ints]:
     pytest.param("open below", marks=pytest.mark.slow),
 ])  # fmt: skip
 def test_outside_is_closed_and_where_the_triangles_are(kind):
-    found = wrap_mesh(*wrong(kind), COARSE)
-    body = solidity(found.vertices, found.faces)
+    result = wrap_mesh(*wrong(kind), COARSE)
+    body = solidity(result.vertices, result.faces)
     assert body.watertight and body.genus == 0 and body.components == 1
-    assert not self_intersection(found.vertices, found.faces).count
-    seen = found.vertices[:, 2] > -0.7 * RADIUS
-    assert np.abs(np.linalg.norm(found.vertices[seen], axis=1) - RADIUS).max() < 2e-4
+    assert not self_intersection(result.vertices, result.faces).count
+    seen = result.vertices[:, 2] > -0.7 * RADIUS
+    assert np.abs(np.linalg.norm(result.vertices[seen], axis=1) - RADIUS).max() < 2e-4
     assert body.volume == pytest.approx(VOLUME, rel=0.06 if kind == "open below" else 2e-3)
-    assert found.offset < 1e-4 and found.n_left_out == 0
-    assert (found.closed_share > 0.05) == (kind == "open below")
+    assert result.offset < 1e-4 and result.n_left_out == 0
+    assert (result.closed_share > 0.05) == (kind == "open below")
 
 
 @pytest.mark.slow
-def test_two_balls_are_one_and_parts_apart_are_told():
+def test_overlapping_parts_are_joined_and_separate_parts_counted():
     vertices, faces = BALL
     for shift, parts in ((0.06, 0), (0.11, 1)):
         both = np.concatenate([vertices, vertices + [shift, 0.0, 0.0]])
-        found = wrap_mesh(both, np.concatenate([faces, faces + len(vertices)]), COARSE)
-        body = solidity(found.vertices, found.faces)
-        assert body.watertight and body.components == 1 and found.n_left_out == parts
+        result = wrap_mesh(both, np.concatenate([faces, faces + len(vertices)]), COARSE)
+        body = solidity(result.vertices, result.faces)
+        assert body.watertight and body.components == 1 and result.n_left_out == parts
         lens = np.pi / 12.0 * (4.0 * RADIUS + shift) * (2.0 * RADIUS - shift) ** 2
         whole = VOLUME if parts else 2.0 * VOLUME - lens
         assert body.volume == pytest.approx(whole, rel=5e-3)
 
 
-def test_what_would_be_a_guess_is_refused():
+def test_surfaces_with_large_gaps_are_refused():
     vertices, faces = BALL
     half = faces[vertices[faces].mean(axis=1)[:, 2] > 0.0]
     with pytest.raises(ValueError, match=r"bounds no solid: \d+% of its outside would be a guess"):

@@ -54,13 +54,13 @@ def test_values_and_all_derivatives_equal_scipys(basis: Basis):
     for order in range(basis.degree + 2):
         wanted = theirs(x, nu=order) if order <= basis.degree else np.zeros((len(x), basis.count))
         limit = 1e-13 * np.abs(wanted).max()
-        found = basis.matrix(x, order)
-        assert np.allclose(found.toarray(), wanted, rtol=1e-13, atol=limit)
+        result = basis.matrix(x, order)
+        assert np.allclose(result.toarray(), wanted, rtol=1e-13, atol=limit)
         many = basis.matrix(np.tile(x, 3), order)
-        assert np.array_equal(many.toarray(), np.tile(found.toarray(), (3, 1)))
+        assert np.array_equal(many.toarray(), np.tile(result.toarray(), (3, 1)))
 
 
-def test_ends_of_the_domain_are_met_within_rounding():
+def test_places_within_rounding_of_domain_are_clipped():
     basis = clamped_basis(6)
     beyond = np.array([-1e-16, 1.0 + 2.3e-16])
     assert np.array_equal(basis.matrix(beyond).toarray(), np.eye(6)[[0, -1]])
@@ -81,9 +81,9 @@ def test_periodic_basis_is_the_wrapped_cardinal_spline(count: int, degree: int):
     for order in range(degree + 1):
         values = np.where(inside, cardinal(np.where(inside, place, 0.5), nu=order), 0.0)
         wanted = float(count) ** order * values.sum(axis=0)
-        found = basis.matrix(turns, order)
-        assert np.allclose(found.toarray(), wanted, rtol=0, atol=1e-11 * count**order)
-        assert (np.diff(found.indptr) == degree + 1).all()
+        result = basis.matrix(turns, order)
+        assert np.allclose(result.toarray(), wanted, rtol=0, atol=1e-11 * count**order)
+        assert (np.diff(result.indptr) == degree + 1).all()
     # Each function is symmetric about its Greville abscissa.
     places = basis.greville()
     left, right = (basis.matrix(places + by).diagonal() for by in (-0.07, 0.07))
@@ -142,11 +142,11 @@ def test_interpolants_take_their_values(axes: int):
     sites = [np.sort(rng.random(n)) for n in (7, 5, 6)[:axes]]
     bases = [Basis(averaged_knots(places, 3), 3) for places in sites]
     values = rng.normal(size=(*(len(places) for places in sites), 2))
-    found = interpolate_grid(bases, sites, values)
-    assert evaluate_grid(bases, found.control, sites) == pytest.approx(values, abs=1e-10)
+    result = interpolate_grid(bases, sites, values)
+    assert evaluate_grid(bases, result.control, sites) == pytest.approx(values, abs=1e-10)
     matrices = [b.matrix(x).toarray() for b, x in zip(bases, sites, strict=True)]
     condition = np.prod([np.linalg.cond(matrix) for matrix in matrices])
-    assert found.condition == pytest.approx(condition)
+    assert result.condition == pytest.approx(condition)
 
 
 @given(st.integers(1, 5), st.lists(st.floats(0.001, 0.999), max_size=6), st.booleans())
@@ -164,10 +164,10 @@ def test_any_axis_can_be_refined_up_to_the_degree():
     bases, control = [clamped_basis(5), clamped_basis(4)], CONTROL[:5, :, :4, 0].swapaxes(1, 2)
     finer, moved = insert_knots(bases[1], control, np.array([0.5, 0.5, 0.5]), axis=1)
     axes = [np.linspace(0, 1, 7), np.linspace(0, 1, 9)]
-    found = evaluate_grid([bases[0], finer], moved, axes)
-    assert np.allclose(found, evaluate_grid(bases, control, axes), rtol=0, atol=1e-14)
+    result = evaluate_grid([bases[0], finer], moved, axes)
+    assert np.allclose(result, evaluate_grid(bases, control, axes), rtol=0, atol=1e-14)
     # At a knot as often as the degree a coefficient is the value.
-    assert found[:, 4] == pytest.approx(bases[0].matrix(axes[0]) @ moved[:, 3], abs=1e-15)
+    assert result[:, 4] == pytest.approx(bases[0].matrix(axes[0]) @ moved[:, 3], abs=1e-15)
 
 
 def scattered(control: Floats = CONTROL, at: Floats | None = None, order=(0, 0, 0)) -> Floats:

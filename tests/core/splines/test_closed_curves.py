@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from palpate.core.arrays import Floats
 from palpate.core.splines import (
-    LEAST_SMOOTHING,
+    DEFAULT_CURVE_FIT,
     ClosedCurve,
     PeriodicBasis,
     closed_curve_points,
@@ -59,9 +59,9 @@ def noisy(sigma: float, seed: int = 0, count: int = 80, shape: Curve = bean) -> 
     return clean + sigma * np.random.default_rng(seed).normal(size=clean.shape)
 
 
-def hausdorff(found: Floats, wanted: Floats) -> float:
+def hausdorff(result: Floats, wanted: Floats) -> float:
     """Distance between two dense curves, as a fraction of the second one's extent."""
-    far = max(cKDTree(found).query(wanted)[0].max(), cKDTree(wanted).query(found)[0].max())
+    far = max(cKDTree(result).query(wanted)[0].max(), cKDTree(wanted).query(result)[0].max())
     return float(far / np.ptp(wanted, axis=0).max())
 
 
@@ -128,7 +128,7 @@ def test_cross_validation_takes_the_least_score(sigma: float):
     turns, points = np.arange(80) / 80, noisy(sigma)
     fit = fit_closed_least_squares(points, turns, 40, None)
     few = fit_closed_least_squares(points[:6], np.arange(6) / 6, 12, None)
-    assert np.isfinite(few.control).all() and few.smoothing >= LEAST_SMOOTHING
+    assert np.isfinite(few.control).all() and few.smoothing >= DEFAULT_CURVE_FIT.min_smoothing
     stiff = fit_closed_curve(points, smoothing=1e300)
     assert np.allclose(stiff.control, points.mean(axis=0), rtol=0, atol=1e-3)
 
@@ -139,14 +139,15 @@ def test_cross_validation_takes_the_least_score(sigma: float):
     nearby = [score(fit.smoothing * 10.0**power) for power in (-1, -1 / 6, 0, 1 / 6, 1)]
     assert min(nearby) == nearby[2]
     again = fit_closed_curve(points, count=40, smoothing="gcv", parameters="chord")
-    assert again.smoothing > LEAST_SMOOTHING
+    assert again.smoothing > DEFAULT_CURVE_FIT.min_smoothing
 
 
 def test_weak_smoothing_moves_parameters_to_the_nearest_places():
     turns = np.arange(60) / 60
     wrong = np.mod(turns + 0.004 * np.sin(6 * np.pi * turns), 1.0)
     points = ellipse(turns)
-    fits = [fit_closed_least_squares(points, wrong, 12, one) for one in (1e-4, LEAST_SMOOTHING)]
+    strengths = 1e-4, DEFAULT_CURVE_FIT.min_smoothing
+    fits = [fit_closed_least_squares(points, wrong, 12, strength) for strength in strengths]
     along = []
     for fit in fits:
         places, slopes = (
@@ -181,13 +182,13 @@ def test_square_roots_are_taken_only_at_corners():
 def test_even_points_across_corners_have_even_parameters():
     points, even = square((np.arange(26) + 0.3) / 26), np.arange(26) / 26
     assert np.abs(curve_parameters(points, "chord") - even).max() > 0.005
-    for one in (points, points + 0.01 * np.random.default_rng(0).normal(size=points.shape)):
-        assert np.array_equal(curve_parameters(one, "even"), even)
+    for contour in (points, points + 0.01 * np.random.default_rng(0).normal(size=points.shape)):
+        assert np.array_equal(curve_parameters(contour, "even"), even)
     turns = np.arange(30) / 30
-    for one in (circle(turns) * [1, 3], circle(np.delete(turns, [4, 5])), CORNERS * [1, 3]):
-        found, auto = curve_parameters(one, "even"), curve_parameters(one, "auto")
-        assert np.array_equal(found, auto)
-        assert not np.allclose(found, np.arange(len(one)) / len(one), atol=1e-3)
+    for uneven in (circle(turns) * [1, 3], circle(np.delete(turns, [4, 5])), CORNERS * [1, 3]):
+        result, auto = curve_parameters(uneven, "even"), curve_parameters(uneven, "auto")
+        assert np.array_equal(result, auto)
+        assert not np.allclose(result, np.arange(len(uneven)) / len(uneven), atol=1e-3)
 
 
 def test_local_noise_is_measured_without_shape():
@@ -204,7 +205,7 @@ def test_local_noise_is_measured_without_shape():
 
 def test_noise_is_found_and_smoothed_away():
     sigma, true = 0.026, cKDTree(bean(MANY))
-    smoothed, through, found = [], [], []
+    smoothed, through, result = [], [], []
     for seed in range(8):
         points = noisy(sigma, seed)
         curve, passed = fit_closed_curve(points), fit_closed_curve(points, smoothing=None)
@@ -212,12 +213,12 @@ def test_noise_is_found_and_smoothed_away():
         places = curve.at(curve.parameters) - points[curve.used]
         assert curve.residual == pytest.approx(np.sqrt((places**2).sum(axis=1).mean()))
         assert curve.sigma**2 * (80 - curve.effective) == pytest.approx(80 * curve.residual**2)
-        found.append(curve.sigma / sigma)
+        result.append(curve.sigma / sigma)
         smoothed.append(true.query(curve.at(FINE))[0])
         through.append(true.query(passed.at(FINE))[0])
     assert np.sqrt(np.mean(np.square(smoothed))) <= 0.55 * sigma
     assert np.sqrt(np.mean(np.square(through))) > 0.8 * sigma
-    assert np.mean(found) == pytest.approx(1.0, abs=0.1)
+    assert np.mean(result) == pytest.approx(1.0, abs=0.1)
 
 
 def test_shape_is_not_taken_for_noise():
@@ -255,8 +256,8 @@ def test_length_and_area_are_exact_in_any_plane():
     far = fit_closed_curve(1e8 + np.column_stack([round_about, 0.3 * round_about[:, 1]]))
     assert far.area == pytest.approx(np.pi * np.hypot(1.0, 0.3), rel=1e-4)
     for scale, area in ((1e150, 1e300), (1e300, np.inf), (1e-300, 0.0)):
-        found = fit_closed_curve(scale * noisy(0.0, count=60, shape=ellipse)).area
-        assert found == pytest.approx(2 * np.pi * area, rel=1e-3)
+        result = fit_closed_curve(scale * noisy(0.0, count=60, shape=ellipse)).area
+        assert result == pytest.approx(2 * np.pi * area, rel=1e-3)
 
 
 @pytest.mark.parametrize("count", [None, 16])
@@ -285,10 +286,10 @@ def test_begin_and_direction_change_no_bit(count: int | None, noise: float, spac
         points = np.column_stack([points, np.full(60, 0.4)])
     wanted = fit_closed_curve(points, count=count)
     for turned in variants(points, (1, 17, 59)):
-        found = fit_closed_curve(turned, count=count)
-        assert np.array_equal(found.control, wanted.control)
-        assert np.array_equal(found.knots, wanted.knots)
-        assert np.array_equal(turned[found.used], points[wanted.used])
+        result = fit_closed_curve(turned, count=count)
+        assert np.array_equal(result.control, wanted.control)
+        assert np.array_equal(result.knots, wanted.knots)
+        assert np.array_equal(turned[result.used], points[wanted.used])
     x, y = wanted.at(FINE)[:, :2].T
     assert (x * np.roll(y, -1) - y * np.roll(x, -1)).sum() > 0.0  # counter-clockwise
 
@@ -314,11 +315,11 @@ def test_order_drops_repeated_and_infinite_points():
     closed = np.vstack([clean, clean[:1]])
     for count in (None, 16):
         wanted = fit_closed_curve(clean, count=count)
-        for found in (holed, closed, np.repeat(closed, 3, axis=0)):
-            curve = fit_closed_curve(found, count=count)
-            assert curve.dropped == np.count_nonzero(~np.isfinite(found).all(axis=1))
+        for result in (holed, closed, np.repeat(closed, 3, axis=0)):
+            curve = fit_closed_curve(result, count=count)
+            assert curve.dropped == np.count_nonzero(~np.isfinite(result).all(axis=1))
             assert np.array_equal(curve.control, wanted.control)
-            assert np.array_equal(found[curve.used], clean[wanted.used])
+            assert np.array_equal(result[curve.used], clean[wanted.used])
 
 
 def test_points_in_one_place_or_on_a_line_are_flagged():

@@ -52,8 +52,8 @@ def test_patches_interpolate_their_four_curves():
     ]
     for curves, patch in patches:
         assert patch.shape == (7, 9, 3)
-        for found, wanted in zip(boundaries(patch), curves, strict=True):
-            assert np.abs(found - wanted).max() < 1e-14
+        for result, wanted in zip(boundaries(patch), curves, strict=True):
+            assert np.abs(result - wanted).max() < 1e-14
 
 
 def test_cubics_are_reproduced_from_their_slopes():
@@ -80,13 +80,13 @@ def gauge(points: Floats, size: tuple[float, ...], exponent: float) -> Floats:
 
 def contours_of(count: int, size=(1.0, 0.8, 1.2), exponent=1.0, begin: int = 0) -> list[Floats]:
     """Closed contours, each begun elsewhere, and every other one reversed."""
-    found = []
+    result = []
     for i, height in enumerate(np.sin(np.linspace(-HIGHEST, HIGHEST, count))):
         ring = np.column_stack([np.cos(TURNS), np.sin(TURNS), 0.0 * TURNS]) * size
         ring *= np.sqrt(1.0 - height**2) / gauge(ring, size, exponent)[:, None]
         ring += [0.0, 0.0, size[2] * height]
-        found.append(np.roll(ring, begin * i, axis=0)[:: -1 if begin and i % 2 else 1])
-    return found
+        result.append(np.roll(ring, begin * i, axis=0)[:: -1 if begin and i % 2 else 1])
+    return result
 
 
 @pytest.mark.parametrize(("size", "exponent", "order"), [
@@ -103,7 +103,7 @@ def test_error_between_contours_has_its_order(size: tuple, exponent: float, orde
     assert errors[1] < 1.5e-3
 
 
-def test_the_surface_passes_through_contours_begun_anywhere():
+def test_surface_passes_through_contours_begun_anywhere():
     contours = contours_of(9)
     surface = coons_surface(contours, 20, rows=8, columns=4)
     assert surface.shape == (65, 80, 3)
@@ -116,7 +116,7 @@ def test_the_surface_passes_through_contours_begun_anywhere():
     assert np.abs(surface - coons_surface(doubled, 20)).max() < 1e-9
 
 
-def test_the_surface_is_smooth_across_contours_and_meridians():
+def test_surface_is_smooth_across_contours_and_meridians():
     surface = coons_surface(contours_of(9), 12, rows=32, columns=16)
     bands = [surface[32 * i : 32 * i + 33] for i in range(8)]
     sizes = [np.linalg.norm(b[-1] - b[0], axis=-1)[:, None] for b in bands]

@@ -129,21 +129,21 @@ def test_normals_of_squeezed_lattices_are_limits(scale: float):
     normals = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.6, 0.0, 0.8], [0.0, -2.0, 0.0]])
     for squeeze in ([1, 1, 0], [1, 0, 0], [0, 0, 0]):
         squeezed = box.with_control(box.control * squeeze)
-        found = squeezed.deform_normals(points, normals)
-        assert np.allclose(np.linalg.norm(found, axis=1), 1.0, rtol=0, atol=1e-14)
+        result = squeezed.deform_normals(points, normals)
+        assert np.allclose(np.linalg.norm(result, axis=1), 1.0, rtol=0, atol=1e-14)
     flat = box.with_control(box.control * [1, 1, 0]).deform_normals(points, normals)
     assert np.allclose(flat[1:3], [0.0, 0.0, 1.0], rtol=0, atol=1e-8)
 
 
 @pytest.mark.parametrize("scale", [1e-110, 1e-60, 1.0, 1e110])
-def test_a_mirrored_mesh_keeps_its_outside(scale: float):
+def test_mirrored_mesh_keeps_its_outside(scale: float):
     vertices = scale * np.vstack([np.zeros(3), np.eye(3)])
     faces = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]], np.int32)
     box = box_lattice(np.zeros(3), np.full(3, scale), (4, 4, 4))
     for by, order in (([2, 1, 1], faces), ([1, 1, -2], faces[:, ::-1])):
-        moved, found = box.with_control(box.control * by).deform_mesh(vertices, faces)
-        assert np.array_equal(found, order) and is_closed(found)
-        assert signed_volume((moved / scale)[found]) == pytest.approx(2.0 / 6.0)
+        moved, result = box.with_control(box.control * by).deform_mesh(vertices, faces)
+        assert np.array_equal(result, order) and is_closed(result)
+        assert signed_volume((moved / scale)[result]) == pytest.approx(2.0 / 6.0)
     assert box.deform_mesh(np.zeros((0, 3)), np.zeros((0, 3), np.int32))[1].shape == (0, 3)
 
 
@@ -170,7 +170,7 @@ def test_layers_scale_turn_then_shift():
     assert widened.deform(BOX) == pytest.approx(np.array([BOX[0], [0.06, 0.04, 0.07]]))
 
 
-def test_the_folded_share_is_what_is_turned_inside_out():
+def test_folded_share_is_what_is_turned_inside_out():
     still = layered_lattice(BOX, [LatticeLayer()] * 4)
     turned = [LatticeLayer(), LatticeLayer(turn=3.0), LatticeLayer(turn=-3.0), LatticeLayer()]
     twisted = layered_lattice(BOX, turned)
@@ -253,7 +253,7 @@ def test_fold_verdicts_agree_with_samples(seed: int, degree: int, weighted: bool
         assert report.least <= samples.min()
 
 
-def test_reports_of_known_lattices():
+def test_fold_reports_of_known_lattices_are_exact():
     plain = box_lattice(LOW, EXTENT, (5, 4, 6))
     report = fold_report(plain)
     assert (report.verdict, report.share) == ("sound", 0.0)
@@ -282,7 +282,7 @@ def test_reports_of_known_lattices():
 
 @pytest.mark.parametrize("scale", [1e-150, 1e-3, 1e150])
 @pytest.mark.parametrize("amount", [0.05, 0.3])
-def test_the_unit_changes_no_fold_report(scale: float, amount: float):
+def test_unit_changes_no_fold_report(scale: float, amount: float):
     here = disturbed(amount, 0)
     still = disturbed(0.0, 0)
     plain = box_lattice(np.zeros(3), scale * EXTENT, here.control.shape[:3])
@@ -290,12 +290,12 @@ def test_the_unit_changes_no_fold_report(scale: float, amount: float):
     moved = plain.control + scale * (here.control - still.control)
     before = SplineVolume(plain.control, plain.volume.bases)
     for undeformed in (plain.undeformed, before):
-        found = fold_report(Lattice(SplineVolume(moved, plain.volume.bases), undeformed))
-        assert (found.verdict, found.share) == (wanted.verdict, wanted.share)
-        assert found.least == pytest.approx(wanted.least, rel=1e-9)
+        result = fold_report(Lattice(SplineVolume(moved, plain.volume.bases), undeformed))
+        assert (result.verdict, result.share) == (wanted.verdict, wanted.share)
+        assert result.least == pytest.approx(wanted.least, rel=1e-9)
 
 
-def test_the_folded_share_is_that_of_the_points_given():
+def test_folded_share_is_that_of_the_points_given():
     control = PLAIN.control.copy()
     control[..., 2] = np.abs(control[..., 2] - 1.3)  # the lower half turned over the upper
     folded = PLAIN.with_control(control)

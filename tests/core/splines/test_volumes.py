@@ -113,12 +113,12 @@ def noisy(amplitude: float, seed: int = 0) -> SplineVolume:
 
 def inverted(volume: SplineVolume, points: Floats) -> Inversion:
     """The inversion, after a check that its residuals are those of its parameters."""
-    found = invert_points(volume, points)
-    assert ((found.parameters >= 0.0) & (found.parameters <= 1.0)).all()
-    left = np.linalg.norm(volume.at(found.parameters) - points, axis=1)
+    result = invert_points(volume, points)
+    assert ((result.parameters >= 0.0) & (result.parameters <= 1.0)).all()
+    left = np.linalg.norm(volume.at(result.parameters) - points, axis=1)
     size = float(np.abs(volume.control).max())
-    assert np.allclose(found.residual, left, rtol=1e-6, atol=64 * EPSILON * size)
-    return found
+    assert np.allclose(result.residual, left, rtol=1e-6, atol=64 * EPSILON * size)
+    return result
 
 
 @pytest.mark.parametrize("frame", [CUBE, SKEWED], ids=["upright", "skewed"])
@@ -127,10 +127,10 @@ def test_undeformed_volumes_are_inverted_in_closed_form(frame: Parallelepiped):
         for weights in (None, np.full((5, 5, 27), 3.0)):
             volume = SplineVolume(frame.greville_control(LONG) @ turn.as_matrix(), LONG, weights)
             points = frame.points(PLACES) @ turn.as_matrix()
-            found = inverted(volume, points)
-            assert np.allclose(found.parameters, PLACES, rtol=0, atol=32 * EPSILON)
-            assert found.residual.max() <= 16 * EPSILON * np.abs(volume.control).max()
-            assert found.converged.all() and not found.folded.any() and not found.steps.any()
+            result = inverted(volume, points)
+            assert np.allclose(result.parameters, PLACES, rtol=0, atol=32 * EPSILON)
+            assert result.residual.max() <= 16 * EPSILON * np.abs(volume.control).max()
+            assert result.converged.all() and not result.folded.any() and not result.steps.any()
             fit = affine_fit(volume)
             assert np.allclose(points @ fit[:3] + fit[3], PLACES, rtol=0, atol=1e-12)
 
@@ -149,20 +149,20 @@ def test_any_rising_planes_are_inverted_to_rounding(degree: int, rises: list[flo
     volume = SplineVolume(control, bases)
     along = np.concatenate([np.random.default_rng(0).random(30), bases[0].breaks()])
     points = volume.at(np.column_stack([along, 0.3 + 0 * along, 0.6 + 0 * along]))
-    found = inverted(volume, points)
-    assert found.converged.all() and found.steps.max() <= 60
-    reached = volume.at(found.parameters)
+    result = inverted(volume, points)
+    assert result.converged.all() and result.steps.max() <= 60
+    reached = volume.at(result.parameters)
     assert np.abs(reached - points).max() <= 32 * EPSILON * scale * max(planes[-1], 3.0)
 
 
-def test_a_spline_with_nearly_no_slope_is_inverted():
+def test_spline_with_nearly_no_slope_is_inverted():
     # The slope is nearly 3 x^2: Newton's method alone creeps to a root near 0.
     axes = np.array([0, 1e-12, 2e-12, 1.0]), np.arange(4.0), np.arange(4.0)
     control = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
     volume = SplineVolume(control, (clamped_basis(4), clamped_basis(4), clamped_basis(4)))
-    found = inverted(volume, np.array([[0, 1.5, 1.5], [1e-9, 1.5, 1.5], [1.0, 1.5, 1.5]]))
-    assert found.parameters[[0, 2], 0].tolist() == [0.0, 1.0]
-    assert found.parameters[1, 0] == pytest.approx(1e-3, rel=1e-5)
+    result = inverted(volume, np.array([[0, 1.5, 1.5], [1e-9, 1.5, 1.5], [1.0, 1.5, 1.5]]))
+    assert result.parameters[[0, 2], 0].tolist() == [0.0, 1.0]
+    assert result.parameters[1, 0] == pytest.approx(1e-3, rel=1e-5)
 
 
 def weighted() -> SplineVolume:
@@ -172,10 +172,10 @@ def weighted() -> SplineVolume:
 
 
 @pytest.mark.parametrize("volume", [noisy(0.1), noisy(0.2), weighted()])
-def test_no_point_of_a_sound_volume_is_lost(volume: SplineVolume):
-    found = inverted(volume, volume.at(PLACES))
-    assert found.converged.all() and not found.folded.any() and found.residual.max() <= 1e-11
-    assert np.abs(found.parameters - PLACES).max() < 1e-8
+def test_all_points_of_sound_volumes_are_inverted(volume: SplineVolume):
+    result = inverted(volume, volume.at(PLACES))
+    assert result.converged.all() and not result.folded.any() and result.residual.max() <= 1e-11
+    assert np.abs(result.parameters - PLACES).max() < 1e-8
     # Neither an affine image nor the unit changes the answer.
     matrix = np.array([[1.2, 0.3, 0], [-0.1, 0.8, 0.2], [0.4, 0, 1.1]])
     for control in (volume.control @ matrix + [5.0, 0.0, -2.0], volume.control * [-1, 1, 1]):
@@ -186,7 +186,7 @@ def test_no_point_of_a_sound_volume_is_lost(volume: SplineVolume):
         scaled = SplineVolume(scale * volume.control, FINE, volume.weights)
         there = invert_points(scaled, scaled.at(PLACES))
         assert np.allclose(there.parameters, PLACES, rtol=0, atol=1e-8)
-        assert np.array_equal(there.steps, found.steps) and not there.folded.any()
+        assert np.array_equal(there.steps, result.steps) and not there.folded.any()
 
 
 def test_faces_edges_and_corners_are_inverted_in_8_steps():
@@ -194,53 +194,53 @@ def test_faces_edges_and_corners_are_inverted_in_8_steps():
     ends = np.array(list(itertools.product((0.0, 1.0), repeat=3)))
     face, edge = PLACES * [0.0, 1.0, 1.0], PLACES[:100] * [0.0, 0.0, 1.0] + [1.0, 0.0, 0.0]
     at = np.concatenate([ends, face, edge])
-    found = inverted(volume, volume.at(at))
-    assert found.converged.all() and 0 < found.steps.max() <= 8
-    assert np.abs(found.parameters - at).max() < 1e-9
+    result = inverted(volume, volume.at(at))
+    assert result.converged.all() and 0 < result.steps.max() <= 8
+    assert np.abs(result.parameters - at).max() < 1e-9
 
 
 @pytest.mark.parametrize("change", [0.0, 1e-7])
-def test_a_small_bend_is_not_taken_for_an_affine_image(change: float):
+def test_small_bend_is_not_taken_for_an_affine_image(change: float):
     control = CUBE.greville_control(FINE).copy()
     control[2, 1, 3] += change
     weights = np.ones((7, 7, 9))
     weights[1, 1, 1] += change
     for volume in (SplineVolume(control, FINE), SplineVolume(control, FINE, weights)):
         points = volume.at(PLACES)
-        found = inverted(volume, points)
-        assert found.converged.all() and found.steps.any() == (change > 0.0)
-        assert np.abs(volume.at(found.parameters) - points).max() < 1e-11
+        result = inverted(volume, points)
+        assert result.converged.all() and result.steps.any() == (change > 0.0)
+        assert np.abs(volume.at(result.parameters) - points).max() < 1e-11
 
 
 @pytest.mark.parametrize("hand", [1.0, -1.0])
-def test_a_ring_is_not_folded(hand: float):
+def test_ring_is_not_folded(hand: float):
     bases = clamped_basis(17), clamped_basis(4), clamped_basis(4)
     axes = 1.98 * np.pi * np.linspace(0, 1, 17), np.linspace(1, 2, 4), np.linspace(0, 1, 4)
     angle, radius, height = np.meshgrid(*axes, indexing="ij")
     ring = np.stack([radius * np.cos(angle), hand * radius * np.sin(angle), height], axis=-1)
-    found = inverted(SplineVolume(ring, bases), SplineVolume(ring, bases).at(PLACES[:100]))
-    assert found.converged.all() and not found.folded.any()
-    assert np.allclose(found.parameters, PLACES[:100], rtol=0, atol=1e-9)
+    result = inverted(SplineVolume(ring, bases), SplineVolume(ring, bases).at(PLACES[:100]))
+    assert result.converged.all() and not result.folded.any()
+    assert np.allclose(result.parameters, PLACES[:100], rtol=0, atol=1e-9)
 
 
 def test_folded_volumes_lose_few_points_and_flag_folds():
     volume = noisy(0.85, seed=9)
     points, slopes = volume.first(np.random.default_rng(0).random((1000, 3)))
     assert 0.15 < (np.linalg.det(slopes) < 0.0).mean() < 0.2
-    found = inverted(volume, points)
-    assert (~found.converged).mean() <= 0.01
-    assert found.residual[found.converged].max() < 1e-8
-    there = np.linalg.det(volume.first(found.parameters)[1]) <= 0.0
-    assert found.folded.any() and np.array_equal(found.folded, there)
+    result = inverted(volume, points)
+    assert (~result.converged).mean() <= 0.01
+    assert result.residual[result.converged].max() < 1e-8
+    there = np.linalg.det(volume.first(result.parameters)[1]) <= 0.0
+    assert result.folded.any() and np.array_equal(result.folded, there)
 
 
 @pytest.mark.parametrize("squeeze", [[1.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
 def test_squeezed_volumes_have_finite_parameters_and_are_folded(squeeze: list[float]):
     volume = SplineVolume(CUBE.greville_control(FINE) * squeeze, FINE)
     assert np.isfinite(affine_fit(volume)).all()
-    found, away = (inverted(volume, volume.at(PLACES[:20]) + [0, 0, z]) for z in (0.0, 0.5))
-    assert found.converged.all() and not away.converged.any()
-    assert found.folded.all() and away.folded.all()
+    result, away = (inverted(volume, volume.at(PLACES[:20]) + [0, 0, z]) for z in (0.0, 0.5))
+    assert result.converged.all() and not away.converged.any()
+    assert result.folded.all() and away.folded.all()
     assert np.isfinite(away.residual).all()
 
 
@@ -252,16 +252,16 @@ def test_points_outside_get_the_nearest_point():
     beyond = SKEWED.points(np.array([[1.2, 1.3, 0.5], [-0.4, 0.2, 1.2]]))
     axis = np.linspace(0.0, 1.0, 25)
     for solid, outside in ((volume, points), (skewed, beyond)):
-        found = inverted(solid, outside)
-        assert not found.converged.any()
-        assert ((found.parameters == 0.0) | (found.parameters == 1.0)).any(axis=1).all()
+        result = inverted(solid, outside)
+        assert not result.converged.any()
+        assert ((result.parameters == 0.0) | (result.parameters == 1.0)).any(axis=1).all()
         reached = solid.grid(axis, axis, axis).reshape(-1, 3)
         nearest = np.linalg.norm(outside[:, None] - reached, axis=2).min(axis=1)
-        assert (found.residual <= 1.03 * nearest).all()
+        assert (result.residual <= 1.03 * nearest).all()
     clipped = SKEWED.points(np.array([[1.0, 1.0, 0.5]]))[0]
-    found = inverted(skewed, np.insert(beyond, 1, SKEWED.points(PLACES[:1]), axis=0))
-    assert found.converged.tolist() == [False, True, False]
-    assert found.residual[0] < 0.999 * np.linalg.norm(clipped - beyond[0])
+    result = inverted(skewed, np.insert(beyond, 1, SKEWED.points(PLACES[:1]), axis=0))
+    assert result.converged.tolist() == [False, True, False]
+    assert result.residual[0] < 0.999 * np.linalg.norm(clipped - beyond[0])
 
 
 def volume(control=CONTROL, bases=BASES, weights=None):

@@ -41,7 +41,7 @@ def pressed(radii: tuple[float, float], depth: float = 1e-3, dome: float = 0.0) 
 
 
 @pytest.mark.parametrize("seed", range(16))
-def test_a_quartic_graph_has_its_exact_curvatures(seed):
+def test_quartic_graph_has_its_exact_curvatures(seed):
     rng = np.random.default_rng(seed)
     p, q = rng.uniform(-0.5, 0.5, 2)
     r, s, t = rng.uniform(-50.0, 50.0, 3)
@@ -72,7 +72,7 @@ def test_a_quartic_graph_has_its_exact_curvatures(seed):
 @pytest.mark.parametrize(
     ("radius", "error"), [(0.01, 0.03), (0.02, 0.01), (0.03, 0.005), (0.1, 1e-4), (1.0, 1e-6)]
 )
-def test_a_ball_has_its_curvature_in_all_directions(radius, error, pad):
+def test_ball_has_its_curvature_in_all_directions(radius, error, pad):
     end = guarded_move(
         Superquadric(np.full(3, radius), np.ones(2)), pad, above(radius + 0.01), 0.05, 1e-3
     )
@@ -86,7 +86,7 @@ def test_a_ball_has_its_curvature_in_all_directions(radius, error, pad):
     assert same.principal == pytest.approx(patch.principal, rel=1e-9)
 
 
-def test_umbilics_and_planes_are_exactly_that():
+def test_umbilics_and_planes_have_equal_principal_curvatures():
     for radius in np.geomspace(0.02, 1e6, 30):
         patch = feel(0.5 * (X**2 + Y**2) / radius)
         k1, k2 = patch.principal
@@ -107,7 +107,7 @@ def test_fewer_than_eight_taxels_have_no_jet(count):
     assert patch.normal.tolist() == [0.0, 0.0, -1.0]
 
 
-def test_enough_for_a_plane_has_a_normal_and_no_curvature():
+def test_eight_taxels_have_normal_without_curvature():
     touched = (np.abs(X) < 1.8e-3) & (np.abs(Y) < 1.2e-3)
     patch = feel(0.2 * X, touched=touched)
     assert touched.sum() == 8 and patch.kind == "insufficient" and patch.jet is not None
@@ -115,7 +115,7 @@ def test_enough_for_a_plane_has_a_normal_and_no_curvature():
     assert np.allclose(patch.normal[:2] / -patch.normal[2], [0.2, 0.0], atol=1e-12)
 
 
-def test_taxels_that_touch_one_by_one_make_no_surface():
+def test_isolated_taxels_are_insufficient():
     rows, cols = np.indices((16, 16))
     board = (rows + cols) % 2 == 0
     patch = feel(0.0 * X, touched=board)
@@ -127,9 +127,9 @@ def test_confidence_falls_with_the_misfit_and_the_untouched_share():
     rough = BALL + 2e-5 * np.random.default_rng(0).normal(size=X.shape)
     assert feel(BALL).confidence == pytest.approx(1.0)
     assert feel(BALL, touched=X > 0).confidence == pytest.approx(0.5)
-    found = feel(rough)
+    result = feel(rough)
     # Half where the misfit is 0.04 pitches, or 4 deviations of a larger noise.
-    assert found.confidence == pytest.approx(1.0 / (1.0 + (found.residual / 40e-6) ** 2))
+    assert result.confidence == pytest.approx(1.0 / (1.0 + (result.residual / 40e-6) ** 2))
     assert feel(rough, noise=2e-5).confidence == pytest.approx(
         1.0 / (1.0 + (feel(rough, noise=2e-5).residual / 80e-6) ** 2)
     )
@@ -151,7 +151,7 @@ def test_partial_contact_is_within_5_percent(count):
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_errors_are_the_noise_through_the_derivatives_of_the_result(seed):
+def test_errors_equal_noise_times_numerical_jacobian(seed):
     # 29 taxels bear a quadric, which is not shrunk: the result is smooth in the heights.
     rng, noise, step = np.random.default_rng(seed), 1e-6, 1e-9
     mask = np.zeros((16, 16), bool)
@@ -184,13 +184,13 @@ def test_errors_do_not_depend_on_the_direction_of_a_vanishing_slope():
     # A lopsided contact near an umbilic; the steepest slope chooses the tangents inside.
     mask = (X + 2.0 * Y > 2e-3) & (X < 4e-3) & (Y < 6e-3)
     x, y = X - X[mask].mean(), Y - Y[mask].mean()
-    height, found = 0.5 * (31.0 * x**2 + 0.6 * x * y + 30.0 * y**2), []
+    height, result = 0.5 * (31.0 * x**2 + 0.6 * x * y + 30.0 * y**2), []
     for turn in np.linspace(0.0, 3.0, 7):
         slope = 1e-8 * (math.cos(turn) * x + math.sin(turn) * y)
         patch = feel(height + slope, noise=10e-6, touched=mask)
         assert patch.kind == "smooth"
-        found.append([*patch.principal_error, patch.across_error, patch.normal_error])
-    assert np.allclose(found, found[0], rtol=1e-5, atol=0.0)
+        result.append([*patch.principal_error, patch.across_error, patch.normal_error])
+    assert np.allclose(result, result[0], rtol=1e-5, atol=0.0)
 
 
 @pytest.mark.parametrize("known", [1.0, 0.0], ids=["known noise", "unknown noise"])
@@ -200,30 +200,30 @@ def test_stated_errors_are_the_scatter_over_frames(noise, apart, known):
     if apart < 1.0:  # near an umbilic
         height = 0.5 * ((30 + apart) * X**2 + 30 * Y**2)
     clean = feel(height)
-    found = []
+    result = []
     for frame in height + noise * np.random.default_rng(1).normal(size=(100, 16, 16)):
         patch = feel(frame, noise=known * noise)
-        found.append(
+        result.append(
             [
                 np.linalg.norm(np.cross(patch.normal, clean.normal)) / patch.normal_error,
                 *np.subtract(patch.principal, clean.principal) / patch.principal_error,
                 (patch.across - clean.across) / patch.across_error,
             ]
         )
-    spread = np.sqrt(np.mean(np.square(found), axis=0))
+    spread = np.sqrt(np.mean(np.square(result), axis=0))
     # Shrinking makes them a little smaller or larger than promised.
     assert (spread > 0.6).all() and (spread < 1.5).all()
 
 
 @pytest.mark.parametrize(("apart", "low", "high"), [(0.0, 0, 5), (20.0, 100, 100)])
-def test_a_direction_is_claimed_only_where_noise_cannot_have_made_it(apart, low, high):
+def test_principal_direction_needs_difference_beyond_noise(apart, low, high):
     height = 0.5 * ((30 + apart) * X**2 + 30 * Y**2)
     frames = height + 1e-5 * np.random.default_rng(0).normal(size=(100, 16, 16))
     assert low <= sum(not feel(frame, noise=1e-5).umbilic for frame in frames) <= high
 
 
 @pytest.mark.parametrize(
-    ("given", "words"),
+    ("options", "words"),
     [
         ({"compression": np.zeros((3, 16))}, r"must be at least 4 by 4, got \(3, 16\)"),
         ({"compression": np.zeros(256)}, r"compression must have shape \(any, any\), got \(256,\)"),
@@ -233,8 +233,8 @@ def test_a_direction_is_claimed_only_where_noise_cannot_have_made_it(apart, low,
         ({"contact": 0.0}, "contact must be positive"),
         ({"noise": -1.0}, "noise must not be negative, got -1.0 m"),
         ({"noise": np.inf}, "noise must not be negative, got inf m"),
-        ({"saturation": 0.0}, "saturation must be a share above 0 and at most 1, got 0.0"),
-        ({"saturation": 1.1}, "saturation must be a share above 0 and at most 1, got 1.1"),
+        ({"saturation": 0.0}, "saturation must be a fraction above 0 and at most 1, got 0.0"),
+        ({"saturation": 1.1}, "saturation must be a fraction above 0 and at most 1, got 1.1"),
         ({"compression": 800.0 * pressed((0.02, 0.02))}, "compression is .* millimetres by"),
         ({"compression": np.full((16, 16), 0.8)}, "compression is .* millimetres by"),
         *[
@@ -249,9 +249,9 @@ def test_a_direction_is_claimed_only_where_noise_cannot_have_made_it(apart, low,
         ],
     ],
 )
-def test_what_is_no_touch_is_refused(given, words):
+def test_invalid_images_and_lengths_are_refused(options, words):
     with pytest.raises(ValueError, match=words):
-        surface_patch(**{"compression": pressed((0.02, 0.02)), "pitch": PITCH, **given})
+        surface_patch(**{"compression": pressed((0.02, 0.02)), "pitch": PITCH, **options})
 
 
 def test_images_of_another_pad_are_refused():
@@ -262,7 +262,7 @@ def test_images_of_another_pad_are_refused():
         fit_patch(small, np.zeros((3, 8)), np.ones((3, 8), bool), ALONG_Y, 0.0)
 
 
-def test_any_array_over_an_elastic_pad_is_read():
+def test_arrays_of_any_size_and_pitch_are_fitted():
     patch = surface_patch(pressed((0.04, 0.02)), PITCH)
     assert patch.kind == "smooth" and patch.principal == pytest.approx((50.0, 25.0), rel=1e-6)
     assert patch.across == pytest.approx(25.0, rel=1e-6)  # along the rows
@@ -282,7 +282,7 @@ def test_any_array_over_an_elastic_pad_is_read():
 
 
 @pytest.mark.parametrize("steep", [1e3, 1e6, 1e12, 1e160])
-def test_a_wall_along_the_viewing_direction_is_finite(steep):
+def test_wall_along_the_viewing_direction_is_finite(steep):
     # A cylinder of radius 2 about the z axis, seen almost along it.
     around = math.hypot(1.0, 1.0 / steep)  # z = steep (x - y^2 / 4) up to second order
     wall = graph_shape_operator((steep, 0.0), (0.0, 0.0, -0.5 * steep))

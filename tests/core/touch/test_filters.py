@@ -35,25 +35,25 @@ def test_wiener_pulls_to_the_mean_by_the_noise_share():
     image = white(4, 7, 9)
     padded = np.pad(image, 1, mode="reflect")
     for variance in (0.0, 0.01, 0.5, 1.0, 100.0):
-        found = adaptive_wiener(image, variance)
+        result = adaptive_wiener(image, variance)
         for row, col in np.ndindex(7, 9):
             nine = padded[row : row + 3, col : col + 3]
             signal = max(nine.var() - variance, 0.0)
             pulled = nine.mean() + signal / nine.var() * (image[row, col] - nine.mean())
-            assert found[row, col] == pytest.approx(pulled, abs=1e-13)
+            assert result[row, col] == pytest.approx(pulled, abs=1e-13)
     for value in (0.0, 1e-3, -7.0, 1e8):
         constant = np.full((6, 9), value)
         assert np.allclose(adaptive_wiener(constant, NOISE**2), constant, rtol=1e-15, atol=0)
 
 
 @pytest.mark.parametrize(("offset", "rounding"), [(1e6, 1e-8), (1e8, 1e-6)])
-def test_an_offset_costs_wiener_no_digits(offset, rounding):
+def test_offset_costs_wiener_no_digits(offset, rounding):
     # A variance by squares less squared mean gives -2.0 for 1.02 there.
     there = adaptive_wiener(white(3) + offset, 0.5) - offset
     assert np.allclose(there, adaptive_wiener(white(3), 0.5), rtol=0, atol=rounding)
 
 
-def test_the_median_is_that_of_nine_with_reflected_borders():
+def test_median_is_that_of_nine_with_reflected_borders():
     image = white(6, 7, 9)
     padded, filtered = np.pad(image, 1, mode="reflect"), median_filter(image)
     for row, col in np.ndindex(7, 9):
@@ -62,7 +62,7 @@ def test_the_median_is_that_of_nine_with_reflected_borders():
         assert np.array_equal(neighbourhoods(image)[row, col], nine.ravel())
 
 
-def test_orders_name_the_filters_of_a_frame():
+def test_order_selects_the_filters():
     frame, variance = BUMP + NOISE * white(8), NOISE**2
     wanted = {
         "none": frame,
@@ -73,20 +73,20 @@ def test_orders_name_the_filters_of_a_frame():
         "auto": frame,
     }
     for order, image in wanted.items():
-        found = clean(FLAT, frame, NOISE, CONTACT, order)
-        assert np.array_equal(found.compression, image) and found.impulses == 0
-        assert np.array_equal(found.touched, image > CONTACT)
+        result = clean(FLAT, frame, NOISE, CONTACT, order)
+        assert np.array_equal(result.compression, image) and result.impulses == 0
+        assert np.array_equal(result.touched, image > CONTACT)
 
 
-def test_lost_taxels_read_as_their_neighbours_and_as_untouched():
+def test_lost_taxels_get_mean_of_neighbours_and_are_untouched():
     lost = np.zeros((16, 16), bool)
     lost[7, 7:9], lost[0, 0], lost[3:6, 3:6] = True, True, True
     frame = np.where(lost, DEEPEST, SHALLOW)
-    found = clean(FLAT, frame, NOISE, CONTACT, "auto", lost)
-    assert not found.touched[lost].any() and found.touched[~lost].all() and found.impulses <= 1
-    assert np.array_equal(found.compression[~lost], SHALLOW[~lost])
+    result = clean(FLAT, frame, NOISE, CONTACT, "auto", lost)
+    assert not result.touched[lost].any() and result.touched[~lost].all() and result.impulses <= 1
+    assert np.array_equal(result.compression[~lost], SHALLOW[~lost])
     around = [SHALLOW[i, j] for i in (6, 7, 8) for j in (6, 7, 8) if not lost[i, j]]
-    assert found.compression[7, 7] == pytest.approx(np.mean(around))
+    assert result.compression[7, 7] == pytest.approx(np.mean(around))
 
 
 def struck(share: float, rng: np.random.Generator) -> tuple[Floats, Bools]:
@@ -105,15 +105,15 @@ def test_impulses_are_found_and_mended_in_any_unit(share, frames, missed, wrong)
     rng, large, counts = np.random.default_rng(0), Pad(16, 16, 1.0, 3.0, 0.0, 0.8), np.zeros(3)
     for _ in range(frames):
         frame, impulses = struck(share, rng)
-        found = remove_impulses(FLAT, frame, CONTACT, NOISE)
-        false = found.impulses & (np.abs(frame - BUMP) < 0.1e-3)
-        counts += [impulses.sum(), (impulses & ~found.impulses).sum(), false.sum()]
-        assert np.array_equal(found.image[~found.impulses], frame[~found.impulses])
-        mended = np.abs(found.image - BUMP)[impulses & found.impulses]
+        result = remove_impulses(FLAT, frame, CONTACT, NOISE)
+        false = result.impulses & (np.abs(frame - BUMP) < 0.1e-3)
+        counts += [impulses.sum(), (impulses & ~result.impulses).sum(), false.sum()]
+        assert np.array_equal(result.image[~result.impulses], frame[~result.impulses])
+        mended = np.abs(result.image - BUMP)[impulses & result.impulses]
         assert share > 0.1 or mended.max(initial=0.0) < 0.15e-3
         other = remove_impulses(large, 1e3 * frame, 1e3 * CONTACT, 1e3 * NOISE)
-        assert np.array_equal(found.impulses, other.impulses)
-        assert np.allclose(1e3 * found.image, other.image, atol=1e-9)
+        assert np.array_equal(result.impulses, other.impulses)
+        assert np.allclose(1e3 * result.image, other.image, atol=1e-9)
     assert counts[0] > 100 and counts[1] <= missed * counts[0] and counts[2] <= wrong * counts[0]
 
 
@@ -125,11 +125,11 @@ PAIRS += [[(0, 0), (0, 1)], [(14, 6), (15, 6)]]
 @pytest.mark.parametrize("value", [0.0, DEEPEST])
 def test_two_impulses_side_by_side_are_both_found(pair, value):
     frame = SHALLOW + NOISE * white(2)
-    for one in pair:
-        frame[one] = value
-    found = remove_impulses(FLAT, frame, CONTACT, NOISE)
-    assert [tuple(one) for one in np.argwhere(found.impulses).tolist()] == pair
-    assert np.abs(found.image - SHALLOW).max() < 0.1e-3
+    for taxel in pair:
+        frame[taxel] = value
+    result = remove_impulses(FLAT, frame, CONTACT, NOISE)
+    assert [tuple(taxel) for taxel in np.argwhere(result.impulses).tolist()] == pair
+    assert np.abs(result.image - SHALLOW).max() < 0.1e-3
 
 
 def test_impulses_beside_a_contact_are_found():
@@ -146,9 +146,9 @@ def test_impulses_beside_a_contact_are_found():
         frame = exact.copy()
         for at, value in impulses.items():
             frame[at] = value
-        found = remove_impulses(FLAT, frame, CONTACT, NOISE)
-        assert np.array_equal(found.impulses, frame != exact)
-        assert np.array_equal(found.image > CONTACT, exact > CONTACT)
+        result = remove_impulses(FLAT, frame, CONTACT, NOISE)
+        assert np.array_equal(result.impulses, frame != exact)
+        assert np.array_equal(result.image > CONTACT, exact > CONTACT)
 
 
 @pytest.mark.parametrize("name", SURFACES)
@@ -157,25 +157,25 @@ def test_faces_edges_corners_steps_and_rims_are_no_impulses(name):
     for known in (draw_touch(rng, name) for _ in range(30)):
         image = np.where(known.touched, known.compression, 0.0)
         contact = max(CONTACT, 5 * known.noise)
-        found = remove_impulses(known.pad, image, contact, known.noise).impulses.sum()
-        assert found <= 2  # the end of a ridge, at most
-        wrong, taxels = wrong + int(found), taxels + int(known.touched.sum())
+        result = remove_impulses(known.pad, image, contact, known.noise).impulses.sum()
+        assert result <= 2  # the end of a ridge, at most
+        wrong, taxels = wrong + int(result), taxels + int(known.touched.sum())
     assert wrong <= 1e-3 * taxels
 
 
 def tips() -> list[Floats]:
     """Cones and corners of three faces, over a taxel and beside it."""
-    found = []
+    result = []
     for steep in (0.5, 0.7, 1.0, 1.5):
         for off in (0.0, 0.25e-3, 0.5e-3):
             x, y = X - off, Y - off
             turns = np.radians([10.0, 130.0, 250.0])
             faces = np.max([x * math.cos(turn) + y * math.sin(turn) for turn in turns], axis=0)
-            found += [np.maximum(2e-3 - steep * one, 0.0) for one in (np.hypot(x, y), faces)]
-    return found
+            result += [np.maximum(2e-3 - steep * one, 0.0) for one in (np.hypot(x, y), faces)]
+    return result
 
 
-def test_clean_frames_come_back_as_they_are():
+def test_frames_without_impulses_are_unchanged():
     frames = [np.zeros((16, 16)), np.full((16, 16), 1e-3), 2.0 * X, 0.49 * (X + Y)]
     frames += [np.maximum(1e-3 - np.abs(X), 0.0), np.maximum(1e-3 - np.maximum(X, Y), 0.0)]
     frames += [np.where((X > 0) & (Y > 0), 1e-3, 0.0), np.where(X > 0, 1e-3, 0.0)]
@@ -188,8 +188,8 @@ def test_clean_frames_come_back_as_they_are():
         moves = [guarded_move(ball, pad, above(radius + 0.01), 0.05, 1e-3) for pad in (FLAT, DOMED)]
         frames += [move.compression for move in moves]
     for frame in frames:
-        found = remove_impulses(FLAT, frame, CONTACT, 0.0)
-        assert not found.impulses.any() and np.array_equal(found.image, frame)
+        result = remove_impulses(FLAT, frame, CONTACT, 0.0)
+        assert not result.impulses.any() and np.array_equal(result.image, frame)
     for tip in tips():
         assert not remove_impulses(FLAT, tip, CONTACT, NOISE).impulses.any()
     for noise in 50e-6 * white(5, 60, 16, 16):
@@ -212,7 +212,7 @@ def test_impulses_and_noise_together_leave_little_more_than_noise(noise):
 
 
 @pytest.mark.parametrize("noise", [0.0, 200e-6])
-def test_a_frame_of_impulses_alone_touches_nothing(noise):
+def test_frame_of_impulses_only_has_no_contact(noise):
     rng = np.random.default_rng(7)
     frame = np.where(rng.random((16, 16)) < 0.5, 0.0, DEEPEST) + noise * rng.normal(size=(16, 16))
     cleaned = clean(FLAT, frame, noise, CONTACT, "auto")

@@ -48,7 +48,7 @@ def test_touches_at_one_place_are_averaged_by_variance():
 
 
 @pytest.mark.parametrize("turn", [0.0, 0.3, math.pi / 2, 2.5, -1.0])
-def test_the_turn_and_hand_of_the_pads_make_no_difference(turn):
+def test_fusion_is_invariant_to_rotation_and_handedness(turn):
     other = place(PARTS, turn=turn)
     (s11, s12, s22), tangents = other.shape.parts, other.shape.tangents * [[1.0], [-1.0]]
     mirrored = other.shape._replace(tangents=tangents, parts=(s11, -s12, s22))
@@ -61,7 +61,7 @@ def test_the_turn_and_hand_of_the_pads_make_no_difference(turn):
     assert np.trace(around) + around[1, 1] == pytest.approx(0.8 + 2 / 3 + 0.5, abs=1e-12)
 
 
-def test_curvature_is_carried_along_a_bent_surface():
+def test_curvature_is_transported_along_curved_surface():
     def on_cylinder(angle: float) -> LocalCurvature:
         c, s = math.cos(angle), math.sin(angle)
         tangents = np.array([[-s, c, 0.0], [0.0, 0.0, 1.0]])
@@ -75,7 +75,7 @@ def test_curvature_is_carried_along_a_bent_surface():
         assert fused.principal[:2] == pytest.approx((40.0, 0.0), abs=1e-12)
 
 
-def test_past_changes_are_expected_again_in_proportion_to_the_distance():
+def test_curvature_drift_is_learnt_per_distance():
     changing, still = begin_fusion(place((0.0, 0.0, 0.0))), begin_fusion(place((0.0, 0.0, 0.0)))
     for number in range(1, 6):
         step = 20.0 * number
@@ -86,7 +86,7 @@ def test_past_changes_are_expected_again_in_proportion_to_the_distance():
     assert traces[0] < 0.3 * traces[1] < 0.3 * traces[2]
 
 
-def test_a_sudden_bend_is_followed_at_once():
+def test_sudden_bend_is_followed_at_once():
     fused = begin_fusion(place((10.0, 0.0, 10.0)))
     for number in range(8):
         fused = fuse(fused, place((10.0, 0.0, 10.0), x=1e-3 * number))
@@ -94,7 +94,7 @@ def test_a_sudden_bend_is_followed_at_once():
     assert bent.surprise > 100.0 and bent.principal[0] == pytest.approx(60.0, abs=2.0)
 
 
-def test_exact_touches_need_no_weighing():
+def test_exact_touch_replaces_the_estimate():
     fused = fuse(begin_fusion(place((1.0, 0.0, 2.0), sigma=0.0)), place((3.0, 0.0, 2.0), sigma=0.0))
     assert fused.principal[0] == 3.0 and fused.touches == 2
 
@@ -113,11 +113,11 @@ def drifting(seed: int, touches: int, drift: float) -> float:
 
 
 @pytest.mark.parametrize("drift", [0.0, 1.0, 3.0])
-def test_the_innovation_is_as_large_as_stated(drift):
-    found = np.mean([drifting(seed, 60, drift) for seed in range(10)])
+def test_normalised_innovation_has_expected_size(drift):
+    result = np.mean([drifting(seed, 60, drift) for seed in range(10)])
     # Of 570 innovations of 3 degrees of freedom the mean is 3 +- 0.1; drift has to be learnt,
     # which costs or adds a little.
-    assert 2.4 < found < 4.0
+    assert 2.4 < result < 4.0
 
 
 @pytest.mark.parametrize(
@@ -140,8 +140,8 @@ def test_fused_touches_are_better_than_single_ones(bend, twist, noise, most):
                 tangents=patch.shape.tangents @ axes.T, normal=axes @ patch.normal
             )
             point = axes @ patch.place + [at, 0.0, 0.0]
-            found = LocalCurvature(point, shape, patch.shape_covariance)
-            fused = begin_fusion(found) if fused is None else fuse(fused, found)
+            result = LocalCurvature(point, shape, patch.shape_covariance)
+            fused = begin_fusion(result) if fused is None else fuse(fused, result)
             if number >= 3:
                 slopes = 20.0 * point[0] + 3.0 * twist * point[0] ** 2, bend * point[1]
                 seconds = 20.0 + 6.0 * twist * point[0], 0.0, bend

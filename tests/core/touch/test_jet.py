@@ -47,18 +47,18 @@ def only(places: object) -> Bools:
         (np.eye(16, dtype=bool), None),
     ],
 )
-def test_the_degree_follows_the_number_and_place_of_taxels(touched, degree):
-    found = fit_jet(FLAT, polynomial(degree or 2), touched)
+def test_degree_follows_the_number_and_place_of_taxels(touched, degree):
+    result = fit_jet(FLAT, polynomial(degree or 2), touched)
     robust = fit_robust_jet(FLAT, polynomial(degree or 2), touched, NOISE)
     if degree is None:
-        assert found is None and robust is None
+        assert result is None and robust is None
     else:
-        assert found.jet.degree == robust.jet.degree == degree
-        assert found.residual < 1e-15 and robust.residual < 1e-15
+        assert result.jet.degree == robust.jet.degree == degree
+        assert result.residual < 1e-15 and robust.residual < 1e-15
 
 
 @pytest.mark.parametrize("degree", [1, 2, 3, 4])
-def test_a_jets_derivatives_are_differences_of_its_height(degree):
+def test_jets_derivatives_are_differences_of_its_height(degree):
     rng, h = np.random.default_rng(0), 1e-4
     jet = Jet(rng.normal(size=(degree + 1) * (degree + 2) // 2), 0.5)
     x, y = rng.uniform(-0.4, 0.4, (2, 30))
@@ -75,17 +75,17 @@ def test_a_jets_derivatives_are_differences_of_its_height(degree):
     assert np.allclose(jet.second_derivatives(x, y), seconds, atol=1e-5)
 
 
-def test_a_fit_is_told_at_the_middle_of_the_contact():
+def test_derivatives_are_those_at_middle_of_contact():
     height, touched = polynomial(4), first(90)
     touched[:, :7] = False
     rough = height + NOISE * np.random.default_rng(1).normal(size=X.shape)
     fits = [fit_jet(FLAT, height, touched), fit_robust_jet(FLAT, height, touched, NOISE)]
-    for found in (*fits, fit_jet(FLAT, rough, touched), fit_jet(FLAT, rough, touched, NOISE)):
-        x, y, z = (np.array([at]) for at in found.middle)
+    for result in (*fits, fit_jet(FLAT, rough, touched), fit_jet(FLAT, rough, touched, NOISE)):
+        x, y, z = (np.array([at]) for at in result.middle)
         assert (x[0], y[0]) == pytest.approx((X[touched].mean(), Y[touched].mean()))
-        assert z == pytest.approx(found.jet.height(x, y))
-        assert np.allclose(found.derivatives[:2], np.ravel(found.jet.slopes(x, y)))
-        assert np.allclose(found.derivatives[2:], np.ravel(found.jet.second_derivatives(x, y)))
+        assert z == pytest.approx(result.jet.height(x, y))
+        assert np.allclose(result.derivatives[:2], np.ravel(result.jet.slopes(x, y)))
+        assert np.allclose(result.derivatives[2:], np.ravel(result.jet.second_derivatives(x, y)))
 
 
 @pytest.mark.parametrize("count", [20, 35, 60])
@@ -96,26 +96,27 @@ def test_factors_are_the_exact_covariance_of_linear_least_squares(count):
     fits = [fit_jet(FLAT, unit, touched) for unit in units]
     for name, factor in (("derivatives", "derivative_factor"), ("jet", "factor")):
         values = [getattr(one, name) for one in fits]
-        found = np.array([getattr(value, "coefficients", value) for value in values]).T
+        result = np.array([getattr(value, "coefficients", value) for value in values]).T
         promised = getattr(fits[0], factor)
-        assert np.allclose(found @ found.T, promised @ promised.T, rtol=1e-9, atol=1e-9)
+        assert np.allclose(result @ result.T, promised @ promised.T, rtol=1e-9, atol=1e-9)
     robust = fit_robust_jet(FLAT, polynomial(2), touched, 1.0)  # all weights are 1
     weighted, plain = robust.derivative_factor, fits[0].derivative_factor
     assert np.allclose(weighted @ weighted.T, plain @ plain.T, rtol=1e-5)
 
 
-def test_the_deviation_is_the_noise_whatever_the_degree():
+def test_deviation_is_the_noise_whatever_the_degree():
     rng = np.random.default_rng(2)
     for count in (12, 30, 45, 256):
-        found = [fit_jet(FLAT, NOISE * one, first(count)) for one in rng.normal(size=(300, 16, 16))]
-        freedom = count - found[0].jet.coefficients.size
-        assert freedom * found[0].deviation ** 2 == pytest.approx(np.sum(found[0].misfit ** 2))
-        assert count * found[0].residual ** 2 == pytest.approx(np.sum(found[0].misfit ** 2))
+        frames = NOISE * rng.normal(size=(300, 16, 16))
+        result = [fit_jet(FLAT, frame, first(count)) for frame in frames]
+        freedom = count - result[0].jet.coefficients.size
+        assert freedom * result[0].deviation ** 2 == pytest.approx(np.sum(result[0].misfit ** 2))
+        assert count * result[0].residual ** 2 == pytest.approx(np.sum(result[0].misfit ** 2))
         # A variance of 300 times 9 degrees of freedom or more is known to 4 %.
-        assert np.mean([one.deviation**2 for one in found]) == pytest.approx(NOISE**2, rel=0.1)
+        assert np.mean([one.deviation**2 for one in result]) == pytest.approx(NOISE**2, rel=0.1)
 
 
-def test_shrinking_hardly_costs_and_helps_most_on_flat_surfaces():
+def test_shrinkage_reduces_errors_most_on_flat_surfaces():
     rng, gains = np.random.default_rng(5), []
     for height in (0.1 * X, 0.5 * (X**2 + Y**2) / 0.02, BALL):
         wanted = fit_jet(FLAT, height, ALL).derivatives[2:]
@@ -133,14 +134,14 @@ def test_shrinking_hardly_costs_and_helps_most_on_flat_surfaces():
 
 
 @pytest.mark.parametrize("share", [0.02, 0.08, 0.2])
-def test_a_robust_jet_is_not_moved_by_impulses(share):
+def test_robust_jet_is_not_moved_by_impulses(share):
     height, rng = 0.5 * (X**2 + Y**2) / 0.02, np.random.default_rng(6)
     for _ in range(20):
         struck = np.where(rng.random(X.shape) < share, 1e-3 * rng.choice([-1, 1], X.shape), 0.0)
         frame = height + NOISE * rng.normal(size=X.shape) + struck
-        found = fit_robust_jet(FLAT, frame, ALL, NOISE)
-        assert (found.weights[struck.ravel() != 0.0] == 0.0).all()
-        assert np.allclose(found.derivatives[[2, 4]], 50.0, atol=3.0)
+        result = fit_robust_jet(FLAT, frame, ALL, NOISE)
+        assert (result.weights[struck.ravel() != 0.0] == 0.0).all()
+        assert np.allclose(result.derivatives[[2, 4]], 50.0, atol=3.0)
 
 
 def test_robust_weights_are_those_of_the_biweight():
@@ -148,17 +149,17 @@ def test_robust_weights_are_those_of_the_biweight():
     for _ in range(10):
         frame = 0.5 * (X**2 + Y**2) / 0.02 + NOISE * rng.normal(size=X.shape)
         frame[rng.random(X.shape) < 0.05] += 8 * NOISE
-        found = fit_robust_jet(FLAT, frame, ALL, 3 * NOISE)
+        result = fit_robust_jet(FLAT, frame, ALL, 3 * NOISE)
         # 4.685 deviations: 95 % efficient for normal noise (Tukey). Rounds end within 1e-3.
-        again = np.maximum(1.0 - (found.misfit / (4.685 * 3 * NOISE)) ** 2, 0.0) ** 2
-        assert np.abs(again - found.weights).max() < 1e-3
-        freedom = np.count_nonzero(found.weights) - found.jet.coefficients.size
-        squares = float(found.weights @ found.misfit**2)
-        assert found.deviation == pytest.approx(np.sqrt(squares / freedom))
-        assert found.residual == pytest.approx(np.sqrt(squares / found.weights.sum()))
+        again = np.maximum(1.0 - (result.misfit / (4.685 * 3 * NOISE)) ** 2, 0.0) ** 2
+        assert np.abs(again - result.weights).max() < 1e-3
+        freedom = np.count_nonzero(result.weights) - result.jet.coefficients.size
+        squares = float(result.weights @ result.misfit**2)
+        assert result.deviation == pytest.approx(np.sqrt(squares / freedom))
+        assert result.residual == pytest.approx(np.sqrt(squares / result.weights.sum()))
 
 
-def test_a_robust_jet_begins_with_given_weights():
+def test_robust_jet_starts_from_initial_weights():
     height = polynomial(2)
     spoiled = height + np.where(np.arange(16)[:, None] < 6, 3e-3, 0.0)
     begun = fit_robust_jet(FLAT, spoiled, ALL, NOISE, (spoiled == height).astype(float))

@@ -26,7 +26,7 @@ SURFACES: dict[str, Callable[[Floats, Floats], Floats]] = {
 }
 
 
-def test_the_grid_is_centred_and_the_dome_is_a_paraboloid():
+def test_grid_is_centred_and_the_dome_is_a_paraboloid():
     small = Pad(rows=3, cols=4, pitch=0.002, thickness=0.003, dome=50.0, saturation=0.8)
     x, y = small.grid()
     assert np.allclose(x, np.tile([-0.003, -0.001, 0.001, 0.003], (3, 1)))
@@ -42,27 +42,27 @@ def pressed(name: str, surface: str, **parameters: float) -> tuple[Pad, Floats, 
     """The pad as its data sheet has it, what it reads, and where it is really touched."""
     field = SURFACES[surface](X, Y)
     springs = np.maximum(field, 0.0)
-    one = touch(field=field, compression=springs, pressure=2e8 * springs)
+    contact = touch(field=field, compression=springs, pressure=2e8 * springs)
     made = stage(name, **parameters)
-    made.apply(one, made.state)
+    made.apply(contact, made.state)
     assert made.face is not None
-    return replace(FLAT, face=made.face), one.compression, one.pressure > 0.0
+    return replace(FLAT, face=made.face), contact.compression, contact.pressure > 0.0
 
 
 @pytest.mark.parametrize("surface", SURFACES)
 @pytest.mark.parametrize(
-    ("effect", "given"), [("half_space", {}), ("tenting", {}), ("tenting", {"decay": 2e-3})]
+    ("effect", "options"), [("half_space", {}), ("tenting", {}), ("tenting", {"decay": 2e-3})]
 )
-def test_the_skirt_beside_a_contact_is_not_contact(effect, given, surface):
-    pad, reading, truly = pressed(effect, surface, **given)
-    found = contact_mask(pad, reading, CONTACT, 0.0)
+def test_skirt_beside_a_contact_is_not_contact(effect, options, surface):
+    pad, reading, truly = pressed(effect, surface, **options)
+    result = contact_mask(pad, reading, CONTACT, 0.0)
     assert ((reading > CONTACT) & ~truly).sum() > 5  # there is a skirt to be mistaken for contact
-    assert not (found & ~truly).any()
+    assert not (result & ~truly).any()
     # A taxel at the rim that is met without pressure is given up: of the two rows on a ridge the
     # deeper one carries a stiff skin alone.
     least = 0.5 if surface == "ridge" else 0.6
-    assert found.sum() >= least * (truly & (reading > CONTACT)).sum()
-    assert found.flat[reading.argmax()]
+    assert result.sum() >= least * (truly & (reading > CONTACT)).sum()
+    assert result.flat[reading.argmax()]
 
 
 def test_on_springs_compression_is_contact():
@@ -78,12 +78,12 @@ def test_noise_makes_no_contact(face):
     assert pad.face == face
     for noise in NOISE * rng.standard_normal((50, 16, 16)):
         assert not contact_mask(pad, noise, CONTACT, NOISE).any()
-        found = contact_mask(pad, reading + noise, CONTACT, NOISE)
-        assert not (found & ~truly).any() and found.sum() >= 0.6 * truly.sum()
+        result = contact_mask(pad, reading + noise, CONTACT, NOISE)
+        assert not (result & ~truly).any() and result.sum() >= 0.6 * truly.sum()
 
 
 @pytest.mark.parametrize("face", [FaceModel("membrane", 1e-3), FaceModel("half_space")])
-def test_an_even_press_is_contact_from_the_least_compression_on(face):
+def test_even_press_is_contact_from_the_least_compression_on(face):
     pad = replace(FLAT, face=face)
     assert contact_mask(pad, np.full((16, 16), 1.01 * CONTACT), CONTACT, 0.0).all()
     assert not contact_mask(pad, np.full((16, 16), 0.99 * CONTACT), CONTACT, 0.0).any()
@@ -158,7 +158,7 @@ BALL_MOVES = [
 
 @pytest.mark.parametrize("pad", [FLAT, DOMED], ids=["flat", "domed"])
 @EACH_KIND
-def test_a_move_onto_a_ball_ends_as_geometry_says(kind, pad):
+def test_move_onto_a_ball_ends_as_geometry_says(kind, pad):
     # The middle four taxels are half a pitch off the axis.
     first = np.sqrt(0.03**2 - X**2 - Y**2) - pad.sag()
     facets = 2e-5 if "mesh" in kind else EXACT
@@ -179,13 +179,13 @@ def test_a_move_onto_a_ball_ends_as_geometry_says(kind, pad):
 
 
 @EACH_KIND
-def test_an_exit_out_of_reach_does_not_hide_a_start_inside(kind):
+def test_exit_out_of_reach_does_not_hide_a_start_inside(kind):
     deep = solid_of(kind, (0.05, 0.05, 0.5))
     assert guarded_move(deep, FLAT, above(0.4), 1e-3, 1e-3).outcome == "inside"
 
 
 @EACH_KIND
-def test_a_thin_plate_is_met_on_its_near_side(kind):
+def test_thin_plate_is_met_on_its_near_side(kind):
     plate = solid_of(kind, (0.03, 0.03, 0.0005), 0.05)
     end = guarded_move(plate, FLAT, above(0.05), REACH, 2e-3)
     assert end.outcome == "hit"
@@ -194,7 +194,7 @@ def test_a_thin_plate_is_met_on_its_near_side(kind):
 
 
 @EACH_KIND
-def test_a_pin_between_the_taxels_is_missed(kind):
+def test_pin_between_the_taxels_is_missed(kind):
     pin = solid_of(kind, (0.4e-3,) * 3)
     for aside, count in ((0.0, 0), (0.5e-3, 1)):
         start = Pose(np.array([aside, aside, 0.05]), FACING_DOWN)
@@ -219,18 +219,18 @@ def test_casts_from_afar_at_extreme_exponents_stay_exact(exponents):
         end = guarded_move(solid, FLAT, above(far), 10.0, 1e-3)
         assert end.outcome == "hit"
         met = np.isfinite(end.indentation)
-        found, wanted = far - end.advance + end.indentation[met], heights_of(solid, X[met], Y[met])
-        assert np.abs(found - wanted).max() < 1e-11  # 9 m has fewer digits left
+        result, wanted = far - end.advance + end.indentation[met], heights_of(solid, X[met], Y[met])
+        assert np.abs(result - wanted).max() < 1e-11  # 9 m has fewer digits left
         assert guarded_move(solid, FLAT, above(-far), 10.0, 1e-3).outcome == "miss"
 
 
 @pytest.mark.parametrize("kind", ["superquadric", "warped"])
-def test_rays_along_a_face_meet_only_what_lies_within_it(kind):
+def test_rays_along_face_hit_only_inside_it(kind):
     solid = Superquadric(np.array([0.0075, 0.03, 0.04]), np.full(2, 0.05))
     start = above(0.06, 0.0075)  # over the edge of a box: half the rays run along its side
     end = guarded_move(KINDS[kind](solid), FLAT, start, REACH, 1e-3)
     over = end.pose.position[0] + X
-    within = np.abs(over) < 0.0074
+    inside = np.abs(over) < 0.0074
     assert end.outcome == "hit" and (end.indentation[np.abs(over) > 0.0076] == -np.inf).all()
-    found = 0.06 - end.advance + end.indentation[within]
-    assert np.abs(found - heights_of(solid, over[within], Y[within])).max() < EXACT
+    result = 0.06 - end.advance + end.indentation[inside]
+    assert np.abs(result - heights_of(solid, over[inside], Y[inside])).max() < EXACT

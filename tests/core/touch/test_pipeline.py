@@ -36,8 +36,8 @@ class Mark:
     noise: float = 0.0
 
     def prepare(self, tip: Fingertip) -> Stage:
-        def apply(one: SimulatedTouch, state: int) -> int:
-            self.notes.append((self.name, one.reading))
+        def apply(contact: SimulatedTouch, state: int) -> int:
+            self.notes.append((self.name, contact.reading))
             return state + 1
 
         return Stage(apply, state=0, noise=self.noise)
@@ -51,31 +51,32 @@ def effects_of(*names: str) -> list[Effect]:
 def simulated(pipeline: Pipeline, *touches: SimulatedTouch) -> SimulatedTouch:
     """The last of some touches, one after the other."""
     states = pipeline.begin()
-    for one in touches:
-        states = pipeline.simulate(one, states)
+    for contact in touches:
+        states = pipeline.simulate(contact, states)
     return touches[-1]
 
 
 @pytest.mark.parametrize("signal", ["time", "force"])
-@pytest.mark.parametrize("given", [{}, {"reach": 1e-3}, {"depth": 2.9e-3}])
-def test_an_ideal_touch_is_its_guarded_move(given, signal):
+@pytest.mark.parametrize("options", [{}, {"reach": 1e-3}, {"depth": 2.9e-3}])
+def test_ideal_touch_is_its_guarded_move(options, signal):
     tip = finger(signal, pitch=0.9e-3)
     elsewhere = Pose(np.array([0.01, 0.02, 0.04]), np.diag([1.0, -1, -1]))
-    start = touch(**given)
+    start = touch(**options)
     end = guarded_move(start.shape, tip.pad, start.actual, start.reach, start.depth)
-    one = simulated(assemble(tip, []), touch(believed=elsewhere, **given))
-    assert (one.outcome, one.advance) == (end.outcome, end.advance)
-    assert np.array_equal(one.actual.array, end.pose.array)
-    assert np.array_equal(one.indentation, end.indentation)
-    assert np.array_equal(one.compression, end.compression)
-    assert np.allclose(one.reading, end.compression, rtol=1e-15, atol=0.0)
-    assert np.allclose(one.pressure * 0.9e-3**2, 200.0 * end.compression, rtol=1e-14)
-    assert np.allclose(one.believed.position, elsewhere.position - [0, 0, end.advance], atol=1e-16)
-    assert np.array_equal(one.believed.axes, elsewhere.axes) and one.copies == 1
+    contact = simulated(assemble(tip, []), touch(believed=elsewhere, **options))
+    assert (contact.outcome, contact.advance) == (end.outcome, end.advance)
+    assert np.array_equal(contact.actual.array, end.pose.array)
+    assert np.array_equal(contact.indentation, end.indentation)
+    assert np.array_equal(contact.compression, end.compression)
+    assert np.allclose(contact.reading, end.compression, rtol=1e-15, atol=0.0)
+    assert np.allclose(contact.pressure * 0.9e-3**2, 200.0 * end.compression, rtol=1e-14)
+    moved = contact.believed.position - elsewhere.position
+    assert np.allclose(moved, [0, 0, -end.advance], atol=1e-16)
+    assert np.array_equal(contact.believed.axes, elsewhere.axes) and contact.copies == 1
 
 
 @pytest.mark.parametrize(
-    ("given", "outcome", "deepest"),
+    ("options", "outcome", "deepest"),
     [
         ({}, "hit", 1e-3),
         ({"depth": 2.9e-3}, "bottomed", 2.4e-3),
@@ -83,19 +84,19 @@ def test_an_ideal_touch_is_its_guarded_move(given, signal):
         ({"actual": above(0.0)}, "inside", 0.0),
     ],
 )
-def test_times_of_a_touch_add_up_to_those_of_its_move(given, outcome, deepest):
+def test_times_of_a_touch_add_up_to_those_of_its_move(options, outcome, deepest):
     tip = finger()
-    one = simulated(assemble(tip, []), touch(begun=5.0, previous=4.0, **given))
+    contact = simulated(assemble(tip, []), touch(begun=5.0, previous=4.0, **options))
     robot, met = tip.robot, deepest > 0.0
-    assert one.outcome == outcome
-    assert one.loading == pytest.approx(deepest / robot.approach)
-    assert one.dwell == (robot.dwell if met else 0.0)
-    assert one.time == 5.0 + contact_seconds(robot, one.advance)
-    before = one.advance / robot.approach - one.loading
-    assert one.rest == pytest.approx(1.0 + before + robot.overhead)
+    assert contact.outcome == outcome
+    assert contact.loading == pytest.approx(deepest / robot.approach)
+    assert contact.dwell == (robot.dwell if met else 0.0)
+    assert contact.time == 5.0 + contact_seconds(robot, contact.advance)
+    before = contact.advance / robot.approach - contact.loading
+    assert contact.rest == pytest.approx(1.0 + before + robot.overhead)
 
 
-def test_stages_act_by_phase_and_within_a_phase_as_listed():
+def test_stages_act_by_phase_then_listed_order():
     notes: list[Any] = []
     phases = [phase for phase in Phase if phase is not Phase.CAST]
     marks = [Mark(one, f"{one.name} {i}", notes) for i in (1, 2) for one in reversed(phases)]
@@ -112,12 +113,12 @@ def test_states_noises_and_names_belong_to_their_stages():
     assert pipeline.noise == pytest.approx(5e-6) and assemble(finger(), []).noise == 0.0
 
 
-def test_one_effect_may_take_the_place_of_the_cast():
+def test_one_effect_may_replace_the_cast():
     notes: list[Any] = []
     with pytest.raises(ValueError, match="no finite"):  # nothing was cast
         simulated(assemble(finger(), [Mark(Phase.CAST, "cast", notes)]), touch())
     assert [name for name, _ in notes] == ["cast"]
-    with pytest.raises(ValueError, match="Mark and Mark both say how a taxel sees the surface"):
+    with pytest.raises(ValueError, match="Mark and Mark both replace the cast"):
         assemble(finger(), [Mark(Phase.CAST, name, []) for name in "ab"])
 
 
@@ -128,22 +129,22 @@ def noise_beside(other: str, tip: Fingertip, touches: list[SimulatedTouch]) -> F
     own = [Mark(Phase.SIGNAL, "", before), *effects_of("gaussian_noise")]
     own.append(Mark(Phase.SIGNAL, "", after))
     first = rank(other) < rank("gaussian_noise")
-    others = effects_of(other)
-    simulated(assemble(tip, [*others, *own] if first else [*own, *others]), *touches)
+    rest = effects_of(other)
+    simulated(assemble(tip, [*rest, *own] if first else [*own, *rest]), *touches)
     return np.array([b - a for (_, a), (_, b) in zip(before, after, strict=True)])
 
 
 @pytest.mark.parametrize("other", [name for name in EFFECT_NAMES if name != "gaussian_noise"])
-def test_an_added_effect_does_not_change_the_draws_of_another(other):
+def test_added_effect_does_not_change_the_draws_of_another(other):
     tip = finger()
     # A hit, a miss and a press to the bottom: what came of a touch changes no draw either.
     outcomes: list[dict[str, float]] = [{}, {"reach": 1e-3}, {"depth": 2.9e-3}]
     touches = [touch(number, **given) for number, given in enumerate(outcomes)]
     draws = KeyedRandom(tip, "gaussian_noise")
     expected = [draws.of_touch(number).standard_normal((16, 16)) for number in range(3)]
-    found = noise_beside(other, tip, touches) / 10e-6
+    result = noise_beside(other, tip, touches) / 10e-6
     # Readings are of millimetres, and the sums of them and the noise are rounded as such.
-    assert np.allclose(found, expected, rtol=0.0, atol=1e-10)
+    assert np.allclose(result, expected, rtol=0.0, atol=1e-10)
 
 
 @dataclass(frozen=True)
@@ -159,19 +160,19 @@ class Odd:
         noise = float("nan") if self.wrong == "noise" else 0.0
         return None if self.wrong == "nothing" else Stage(self.apply, noise=noise)
 
-    def apply(self, one: SimulatedTouch, state: None) -> None:
+    def apply(self, contact: SimulatedTouch, state: None) -> None:
         if self.wrong == "apply":
             raise ZeroDivisionError("boom")
         changes: dict[str, tuple[str, Any]] = {
-            "nan": ("reading", np.full_like(one.reading, np.nan)),
-            "shape": ("reading", one.reading[:4]),
+            "nan": ("reading", np.full_like(contact.reading, np.nan)),
+            "shape": ("reading", contact.reading[:4]),
             "time": ("time", -5.0),
             "forever": ("time", float("inf")),
             "none": ("copies", 0),
             "many": ("copies", 101),
         }
         if self.wrong in changes:
-            setattr(one, *changes[self.wrong])
+            setattr(contact, *changes[self.wrong])
 
 
 @pytest.mark.parametrize(
@@ -189,13 +190,13 @@ class Odd:
         ("many", "is sent 101 times"),
     ],
 )
-def test_what_an_effect_does_wrong_is_named(wrong, words):
+def test_errors_of_effects_name_the_effect(wrong, words):
     with pytest.raises(ValueError, match=words):
         simulated(assemble(finger(), [Odd(wrong)]), touch())
     assert simulated(assemble(finger(), [Odd()]), touch()).outcome == "hit"
 
 
-def test_a_touch_can_be_drawn_again_after_any_other():
+def test_draws_of_touch_are_repeatable_in_any_order():
     draws = KeyedRandom(finger(), "drift")
     first = draws.of_touch(5).standard_normal(100)
     once = draws.once().random(7)

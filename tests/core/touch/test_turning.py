@@ -22,7 +22,7 @@ def lying(seed: int) -> Pose:
     return set_down(RESTING, ASKED, PLATFORM, seed, 1)
 
 
-def test_it_rests_on_the_platform_on_the_side_that_was_asked_for():
+def test_object_rests_on_requested_side():
     for seed in range(10):
         pose = lying(seed)
         heights = pose.to_outer(BRICK.vertices)[:, 2] - PLATFORM
@@ -31,7 +31,7 @@ def test_it_rests_on_the_platform_on_the_side_that_was_asked_for():
         assert pose.axes[2] @ ASKED.axes[2] > np.cos(np.radians(3.0))
 
 
-def test_hand_errs_aside_and_turns_it_about_the_vertical_by_anything():
+def test_hand_shifts_object_and_spins_it_freely():
     poses = [lying(seed) for seed in range(200)]
     places = np.array([one.to_outer(np.zeros((1, 3)))[0] for one in poses])
     assert places[:, :2].std(axis=0) == pytest.approx(2e-3, rel=0.2)
@@ -40,7 +40,7 @@ def test_hand_errs_aside_and_turns_it_about_the_vertical_by_anything():
     assert abs(np.exp(1j * turns).mean()) < 0.2
 
 
-def test_same_turn_of_a_run_errs_alike_and_another_one_otherwise():
+def test_errors_depend_on_seed_and_number_of_turn():
     again, other = (set_down(RESTING, ASKED, PLATFORM, 3, number) for number in (1, 2))
     assert again.array == pytest.approx(lying(3).array, abs=0.0)
     assert np.abs(other.array - again.array).max() > 1e-4

@@ -16,12 +16,12 @@ from tests.core.touch.touches import FLAT, SURFACES, X, Y, draw_touch
 ALL, ALONG_Y = np.ones((16, 16), bool), np.array([0.0, 1.0, 0.0])
 
 
-def test_each_kind_is_called_by_its_name_19_times_of_20():
+def test_surface_kinds_are_classified_with_95_percent_accuracy():
     rng, calls = np.random.default_rng(1234), Counter()
     for known in (draw_touch(rng, name) for name in SURFACES for _ in range(30)):
         height = known.pad.surface(known.compression, known.touched)
-        found = fit_patch(known.pad, height, known.touched, ALONG_Y, known.noise)
-        calls[known.kind, found.kind] += 1
+        result = fit_patch(known.pad, height, known.touched, ALONG_Y, known.noise)
+        calls[known.kind, result.kind] += 1
     kinds = Counter(kind for kind, _ in calls.elements())
     for kind in ("smooth", "edge", "corner"):
         assert calls[kind, kind] >= 0.95 * kinds[kind], calls
@@ -71,7 +71,7 @@ def test_edges_and_corners_have_a_normal_and_no_curvature(height):
     assert patch.residual > 40e-6 and 0.0 < patch.normal_error < math.pi
 
 
-def test_a_comb_is_an_edge_where_a_jet_misses_it():
+def test_comb_is_an_edge_where_a_jet_misses_it():
     comb = np.zeros((16, 16), bool)
     comb[::2] = True  # no square of four is touched
     rough = 0.1e-3 * np.random.default_rng(0).normal(size=comb.shape)
@@ -134,7 +134,7 @@ ARC = np.maximum(0.03 - np.sqrt(0.042**2 - np.hypot(X + 16.55e-3, 23.2e-3 - Y) *
 
 
 @pytest.mark.parametrize(
-    ("image", "given", "kind", "fault"),
+    ("image", "options", "kind", "fault"),
     [
         (BALL, KNOWN, "smooth", "none"),
         (BALL - 3e-3, {}, "invalid", "impossible"),
@@ -148,8 +148,8 @@ ARC = np.maximum(0.03 - np.sqrt(0.042**2 - np.hypot(X + 16.55e-3, 23.2e-3 - Y) *
         (np.maximum(FLOOR - ARC, 0.0), {"radius": 0.015}, "edge", "none"),
     ],
 )
-def test_a_frame_at_fault_has_no_curvature(image, given, kind, fault):
-    patch = surface_patch(image, PITCH, **given)
+def test_frame_at_fault_has_no_curvature(image, options, kind, fault):
+    patch = surface_patch(image, PITCH, **options)
     assert (patch.kind, patch.fault) == (kind, fault)
     if image is not BALL:
         assert patch.principal == pytest.approx((0.0, 0.0), abs=1e-9)
@@ -181,11 +181,11 @@ SINGLE[5, 5] = 1e-3
         (1e-3 + 1.8e-3 * QUARTER, 0.0, True, "none"),  # no more than a quarter of all
     ],
 )
-def test_frames_are_judged_before_a_surface_is_sought(frame, noise, pressed, fault):
-    found = clean(FLAT, frame, noise, CONTACT, "auto", pressed=pressed)
-    assert found.fault == fault
+def test_faulty_frames_have_no_contact(frame, noise, pressed, fault):
+    result = clean(FLAT, frame, noise, CONTACT, "auto", pressed=pressed)
+    assert result.fault == fault
     if fault != "none":
-        assert not found.touched.any() and found.impulses == 0
+        assert not result.touched.any() and result.impulses == 0
 
 
 NOISY = BALL + 10e-6 * np.random.default_rng(0).normal(size=X.shape)
@@ -203,5 +203,5 @@ COUNTED = 5e-6 * np.rint(NOISY / 5e-6)
         (0.0 * X, 0.0 * X, 10e-6, False),  # all taxels alike: no noise is seen
     ],
 )
-def test_a_noisy_frame_that_comes_again_is_frozen(frame, before, noise, repeated):
+def test_repeated_noisy_frame_is_frozen(frame, before, noise, repeated):
     assert is_repeated(frame, before, noise) is repeated

@@ -42,16 +42,16 @@ def touch(number: int = 0, field: Floats | None = None, **more: Any) -> Simulate
     `field` (rows, cols): compression [m] with which the move has ended in a hit.
     """
     start = above(0.033)
-    given = {"shape": BALL, "believed": start, "actual": start, "reach": 0.01, "depth": 1e-3}
-    given |= {"begun": float(number), "previous": float(number)}
+    options = {"shape": BALL, "believed": start, "actual": start, "reach": 0.01, "depth": 1e-3}
+    options |= {"begun": float(number), "previous": float(number)}
     if field is not None:
-        given |= {"indentation": field, "compression": field, "reading": field}
-        given |= {"pressure": 2e8 * field, "outcome": "hit", "time": number + 1.0}
-    given |= more
-    for value in given.values():
+        options |= {"indentation": field, "compression": field, "reading": field}
+        options |= {"pressure": 2e8 * field, "outcome": "hit", "time": number + 1.0}
+    options |= more
+    for value in options.values():
         if isinstance(value, np.ndarray):
             value.setflags(write=False)
-    return SimulatedTouch(number=number, **given)
+    return SimulatedTouch(number=number, **options)
 
 
 def stage(name: str, tip: Fingertip | None = None, **parameters: Any) -> Stage:
@@ -70,17 +70,17 @@ def applied(
 
 def readings(made: Stage, field: Floats, count: int) -> Floats:
     """What a stage makes of the same field in each of many touches, (count, rows, cols)."""
-    state, found = made.state, []
+    state, result = made.state, []
     for number in range(count):
-        one = touch(number, field)
-        state = made.apply(one, state)
-        found.append(one.reading)
-    return np.array(found)
+        contact = touch(number, field)
+        state = made.apply(contact, state)
+        result.append(contact.reading)
+    return np.array(result)
 
 
-def values(one: SimulatedTouch) -> dict[str, Any]:
+def values(contact: SimulatedTouch) -> dict[str, Any]:
     """All that a touch holds, with arrays as bytes, so that touches can be compared."""
-    held = {field.name: getattr(one, field.name) for field in fields(one)}
+    held = {field.name: getattr(contact, field.name) for field in fields(contact)}
     arrays = {k: v.array if isinstance(v, Pose) else v for k, v in held.items()}
     return {k: v.tobytes() if isinstance(v, np.ndarray) else v for k, v in arrays.items()}
 

@@ -18,7 +18,7 @@ from palpate.core.explore.tracing import deepest_point
 from palpate.core.geometry import winding_number
 from palpate.core.poses import FACING_DOWN, Pose, rotations_from_vectors
 from palpate.core.shapes import PosedShape, Shape, Superquadric
-from palpate.core.touch import CONTACT, HITS, Pad, fit_patch, guarded_move
+from palpate.core.touch import DEFAULT_CONTACT, HITS, Pad, fit_patch, guarded_move
 
 PAD = Pad(16, 16, 1e-3, 3e-3, 1.0 / 0.015, 0.8)
 WIDTH = 0.015
@@ -53,7 +53,7 @@ def press(shape: Shape) -> Answer:
         position, axes = command.pose
         if end.outcome not in HITS:
             return ProbeResult(command, end.outcome, position, -axes[:, 2])
-        touched = end.compression > CONTACT
+        touched = end.compression > DEFAULT_CONTACT.min_compression
         surface = PAD.surface(end.compression, touched)
         normal = axes @ np.asarray(fit_patch(PAD, surface, touched, axes[2], 0.0).normal)
         point = end.pose.to_outer(deepest_point(PAD, surface, touched)[None])[0]

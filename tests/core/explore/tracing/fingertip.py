@@ -12,7 +12,7 @@ from palpate.core.arrays import Floats
 from palpate.core.explore import tracing
 from palpate.core.explore.tracing import SliceArc, TouchCommand, Trace, after_touch, next_command
 from palpate.core.shapes import Shape
-from palpate.core.touch import CONTACT, HITS, Pad, fit_patch, guarded_move
+from palpate.core.touch import DEFAULT_CONTACT, HITS, Pad, fit_patch, guarded_move
 
 FLAT = Pad(rows=16, cols=16, pitch=1e-3, thickness=3e-3, dome=0.0, saturation=0.8)
 DOMED = Pad(rows=16, cols=16, pitch=1e-3, thickness=3e-3, dome=1.0 / 0.015, saturation=0.8)
@@ -66,7 +66,7 @@ def press(shape: Shape, pad: Pad, height: float) -> Answer:
             end = guarded_move(shape, pad, command.start(height), command.travel, depth)
         if end.outcome not in HITS:
             return None
-        touched = end.compression > CONTACT
+        touched = end.compression > DEFAULT_CONTACT.min_compression
         surface = pad.surface(end.compression, touched)
         jet = fit_patch(pad, surface, touched, np.array([0.0, 1.0, 0.0]), 0.0).jet
         return tracing.arc_in_slice(pad, end.pose, surface, touched, jet, height)

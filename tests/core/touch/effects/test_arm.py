@@ -18,21 +18,21 @@ START = Pose(np.array([0.1, -0.2, 0.3]), TURNS[0])
 
 def errors(touches: int, seed: int = 7, **parameters: float) -> Floats:
     """Shift [m] and rotation vector [rad] of many touches in the pad's frame, (n, 6)."""
-    made, found = stage("pose_error", finger(seed=seed), **parameters), []
+    made, result = stage("pose_error", finger(seed=seed), **parameters), []
     axes = Rotation.from_matrix(START.axes).inv()
     for number in range(touches):
-        one = touch(number, believed=START, actual=START)
-        made.apply(one, None)
-        turn = (axes * Rotation.from_matrix(one.actual.axes)).as_rotvec()
-        found.append([*axes.apply(one.actual.position - START.position), *turn])
-        assert one.believed is START
-        assert np.allclose(one.actual.axes.T @ one.actual.axes, np.eye(3), atol=2e-15)
-    return np.array(found)
+        contact = touch(number, believed=START, actual=START)
+        made.apply(contact, None)
+        turn = (axes * Rotation.from_matrix(contact.actual.axes)).as_rotvec()
+        result.append([*axes.apply(contact.actual.position - START.position), *turn])
+        assert contact.believed is START
+        assert np.allclose(contact.actual.axes.T @ contact.actual.axes, np.eye(3), atol=2e-15)
+    return np.array(result)
 
 
 def test_pose_errors_are_white_with_the_given_deviations():
-    found = errors(TOUCHES, sigma=0.2e-3, rotation=0.1)
-    scaled = found / np.repeat([0.2e-3, math.radians(0.1)], 3)
+    result = errors(TOUCHES, sigma=0.2e-3, rotation=0.1)
+    scaled = result / np.repeat([0.2e-3, math.radians(0.1)], 3)
     assert (np.abs(scaled.mean(axis=0)) < 5 / np.sqrt(TOUCHES)).all()
     covariance, later = scaled.T @ scaled / TOUCHES, scaled[1:].T @ scaled[:-1] / TOUCHES
     assert (np.abs(np.diag(covariance) - 1.0) < 5 * np.sqrt(2 / TOUCHES)).all()
@@ -47,7 +47,7 @@ def test_large_turns_are_rotations_by_the_drawn_vector():
     assert np.allclose(large[:, :3], small[:, :3], rtol=1e-10, atol=1e-16)
 
 
-def test_a_bias_stays_in_a_run_and_changes_no_other_draw():
+def test_bias_stays_in_a_run_and_changes_no_other_draw():
     alone = errors(5, sigma=0.0, rotation=0.0, bias=1e-3)
     assert np.allclose(alone, alone[0], atol=1e-15)
     difference = errors(20, bias=1e-3) - errors(20)
@@ -59,21 +59,21 @@ def test_a_bias_stays_in_a_run_and_changes_no_other_draw():
 
 def followed(places: Floats) -> Floats:
     """Where the pad starts if the arm goes to each of these places in turn, (n, 3)."""
-    made, found = stage("arm_backlash", width=WIDTH), []
+    made, result = stage("arm_backlash", width=WIDTH), []
     state = made.state
     for number, place in enumerate(places):
         start = Pose(place, above(0.0).axes)
-        one = touch(number, believed=start, actual=start)
-        state = made.apply(one, state)
-        assert np.array_equal(one.believed.array, start.array) and np.array_equal(
-            one.actual.axes, start.axes
+        contact = touch(number, believed=start, actual=start)
+        state = made.apply(contact, state)
+        assert np.array_equal(contact.believed.array, start.array) and np.array_equal(
+            contact.actual.axes, start.axes
         )
-        assert np.array_equal(one.actual.position, state)
-        found.append(one.actual.position)
-    return np.array(found)
+        assert np.array_equal(contact.actual.position, state)
+        result.append(contact.actual.position)
+    return np.array(result)
 
 
-def test_to_and_fro_makes_a_loop_of_the_given_width():
+def test_backlash_is_hysteresis_loop_of_its_width():
     forth = np.linspace(0.0, 1e-3, 101)
     places = np.zeros((303, 3))
     places[:, 1] = np.concatenate([forth, forth[::-1], forth])
@@ -85,26 +85,27 @@ def test_to_and_fro_makes_a_loop_of_the_given_width():
     assert np.allclose(again, np.maximum(forth - WIDTH / 2, falling[-1]), atol=1e-18)
 
 
-def test_each_axis_has_its_own_play_whatever_the_speed():
+def test_backlash_is_independent_on_each_axis():
     corners = np.array([[0.0, 0, 0], [1, 0, -1], [0.95, 1, -1], [0.2, 0.6, 0], [-1, 0.6, 1]]) * 1e-3
-    found = followed(corners)
-    assert np.allclose(found[1:3] * 1e3, [[0.9, 0, -0.9], [0.9, 0.9, -0.9]], atol=1e-15)
+    result = followed(corners)
+    assert np.allclose(result[1:3] * 1e3, [[0.9, 0, -0.9], [0.9, 0.9, -0.9]], atol=1e-15)
     steps = np.arange(401) / 100
     slow = np.column_stack([np.interp(steps, np.arange(5), axis) for axis in corners.T])
-    assert np.allclose(followed(slow)[::100], found, atol=1e-15)
+    assert np.allclose(followed(slow)[::100], result, atol=1e-15)
     places = np.random.default_rng(3).normal(0.0, 0.3e-3, (300, 3))
     assert np.abs(followed(places) - places).max() <= WIDTH / 2 + 1e-18
 
 
-def test_the_believed_pose_is_too_deep_by_force_over_stiffness():
+def test_believed_pose_is_too_deep_by_force_over_stiffness():
     tip, field = finger(pitch=0.8e-3), np.full((16, 16), 1e-4)
     for axes in TURNS:
         end = Pose(np.array([0.01, 0.02, 0.03]), axes)
         for stiffness in (1e3, 1e4, 1e8):
-            one = touch(field=field, pressure=5e7 * field, believed=end, actual=end)
-            applied("arm_compliance", one, tip, stiffness=stiffness)
+            contact = touch(field=field, pressure=5e7 * field, believed=end, actual=end)
+            applied("arm_compliance", contact, tip, stiffness=stiffness)
             bent = 5e3 * (16 * 0.8e-3) ** 2 / stiffness
-            assert np.allclose(one.believed.position - end.position, bent * axes[:, 2], atol=1e-16)
-            assert np.array_equal(one.believed.axes, end.axes) and np.array_equal(
-                one.actual.array, end.array
+            moved = contact.believed.position - end.position
+            assert np.allclose(moved, bent * axes[:, 2], atol=1e-16)
+            assert np.array_equal(contact.believed.axes, end.axes) and np.array_equal(
+                contact.actual.array, end.array
             )

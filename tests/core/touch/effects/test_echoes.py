@@ -37,61 +37,61 @@ def over(height: Height, depth: float) -> SimulatedTouch:
     return touch(believed=start, actual=start, depth=depth, shape=Ground(height))
 
 
-def by_single_rays(one: SimulatedTouch, tip: Fingertip | None = None) -> SimulatedTouch:
+def by_single_rays(contact: SimulatedTouch, tip: Fingertip | None = None) -> SimulatedTouch:
     pipeline = assemble(tip or finger(), [])
-    pipeline.simulate(one, pipeline.begin())
-    return one
+    pipeline.simulate(contact, pipeline.begin())
+    return contact
 
 
-def seen(tip: Fingertip, one: SimulatedTouch, width: float, rays: int, reduce: Any) -> Floats:
+def seen(tip: Fingertip, contact: SimulatedTouch, width: float, rays: int, reduce: Any) -> Floats:
     """What the elements report at the end of a move, element by element."""
-    pad, (position, axes) = tip.pad, one.actual
+    pad, (position, axes) = tip.pad, contact.actual
     offsets = ((np.arange(rays) + 0.5) / rays - 0.5) * width * pad.pitch
-    found = np.zeros((pad.rows, pad.cols))
-    for place, x, y in zip(np.ndindex(found.shape), *map(np.ravel, pad.grid()), strict=True):
+    result = np.zeros((pad.rows, pad.cols))
+    for place, x, y in zip(np.ndindex(result.shape), *map(np.ravel, pad.grid()), strict=True):
         along, down = (axis.ravel() for axis in np.meshgrid(x + offsets, y + offsets))
         depth = pad.thickness + 0.5 * pad.dome * (along**2 + down**2)
         origins = position + np.column_stack([along, down, -depth]) @ axes.T
-        ranges = one.shape.cast(origins, axes[:, 2], 0.05)
-        found[place] = reduce(np.maximum(pad.thickness - ranges, 0.0))
-    return found
+        ranges = contact.shape.cast(origins, axes[:, 2], 0.05)
+        result[place] = reduce(np.maximum(pad.thickness - ranges, 0.0))
+    return result
 
 
 @READINGS
 @pytest.mark.parametrize("dome", [0.0, 1 / 0.015])
 def test_elements_report_what_their_rays_see(reading, dome):
     tip, start = finger(dome=dome), above(0.033, 1.3e-3)
-    one = touch(believed=start, actual=start)
-    applied("aperture", one, tip, width=0.9, rays=4, reading=reading)
-    expected = seen(tip, one, 0.9, 4, {"mean": np.mean, "max": np.max}[reading])
-    assert one.outcome == "hit"
-    assert np.allclose(one.compression, expected, rtol=0.0, atol=1e-12)
-    touched = one.compression > 0.0
-    assert touched.any() and not touched.all() and (one.indentation[~touched] <= 0.0).all()
-    assert np.array_equal(one.indentation[touched], one.compression[touched])
+    contact = touch(believed=start, actual=start)
+    applied("aperture", contact, tip, width=0.9, rays=4, reading=reading)
+    expected = seen(tip, contact, 0.9, 4, {"mean": np.mean, "max": np.max}[reading])
+    assert contact.outcome == "hit"
+    assert np.allclose(contact.compression, expected, rtol=0.0, atol=1e-12)
+    touched = contact.compression > 0.0
+    assert touched.any() and not touched.all() and (contact.indentation[~touched] <= 0.0).all()
+    assert np.array_equal(contact.indentation[touched], contact.compression[touched])
 
 
 @READINGS
 @pytest.mark.parametrize("depth", [0.05e-3, 1e-3, 2.2e-3])
-def test_the_deepest_element_reports_the_given_depth(reading, depth):
+def test_deepest_element_reports_the_given_depth(reading, depth):
     for dome in (0.0, 1 / 0.015):
-        one = applied("aperture", touch(depth=depth), finger(dome=dome), reading=reading)
-        assert one.outcome == "hit"
-        assert one.compression.max() == pytest.approx(depth, abs=1e-15)
-        assert np.allclose(one.pressure, 2e8 * one.compression, rtol=1e-14)
+        contact = applied("aperture", touch(depth=depth), finger(dome=dome), reading=reading)
+        assert contact.outcome == "hit"
+        assert contact.compression.max() == pytest.approx(depth, abs=1e-15)
+        assert np.allclose(contact.pressure, 2e8 * contact.compression, rtol=1e-14)
 
 
 @READINGS
-def test_a_free_element_is_as_far_as_its_nearest_ray(reading):
-    one = applied("aperture", touch(), reading=reading)
+def test_free_element_is_as_far_as_its_nearest_ray(reading):
+    contact = applied("aperture", touch(), reading=reading)
     # On a ball the nearest ray of an element is that on its side towards the middle.
     inner = (np.abs(X) - 0.8e-3 / 3) ** 2 + (np.abs(Y) - 0.8e-3 / 3) ** 2
     gap = 3e-3 + 0.03 - np.sqrt(0.03**2 - inner)
-    free = one.compression == 0.0
-    assert np.allclose(one.indentation[free], (one.advance - gap)[free], atol=1e-12)
+    free = contact.compression == 0.0
+    assert np.allclose(contact.indentation[free], (contact.advance - gap)[free], atol=1e-12)
 
 
-def test_the_mean_reaches_its_depth_on_rough_ground():
+def test_mean_reaches_its_depth_on_rough_ground():
     for seed in range(5):
         heights = np.random.default_rng(seed).uniform(-2e-3, 0.0, (64, 64))
         heights[::7] = -np.inf  # nothing there
@@ -100,28 +100,28 @@ def test_the_mean_reaches_its_depth_on_rough_ground():
             col, row = (np.floor(part / 0.27e-3).astype(int) + 32 for part in (x, y))
             return heights[row, col]
 
-        one = applied("aperture", over(rough, 0.3e-3))
-        assert one.outcome == "hit" and np.isfinite(one.compression).all()
-        assert one.compression.max() == pytest.approx(0.3e-3, abs=1e-15)
+        contact = applied("aperture", over(rough, 0.3e-3))
+        assert contact.outcome == "hit" and np.isfinite(contact.compression).all()
+        assert contact.compression.max() == pytest.approx(0.3e-3, abs=1e-15)
 
 
-def test_a_needle_bottoms_the_pad_before_its_element_reports_depth():
+def test_needle_bottoms_the_pad_before_its_element_reports_depth():
     def needle(x: Floats, y: Floats) -> Floats:
         return np.where(np.hypot(x - 0.5e-3, y - 0.5e-3) < 0.1e-3, 0.0, -5e-3)
 
-    one = applied("aperture", over(needle, 1e-3))
-    assert one.outcome == "bottomed" and one.advance == pytest.approx(3e-3 + 0.8 * 3e-3)
-    assert one.compression.max() == pytest.approx(0.8 * 3e-3 / 9)
+    contact = applied("aperture", over(needle, 1e-3))
+    assert contact.outcome == "bottomed" and contact.advance == pytest.approx(3e-3 + 0.8 * 3e-3)
+    assert contact.compression.max() == pytest.approx(0.8 * 3e-3 / 9)
 
 
 @READINGS
 @pytest.mark.parametrize(
-    "given", [{"reach": 2.9e-3}, {"reach": 3.1e-3}, {"depth": 2.9e-3}, {"actual": above(0.0299)}]
+    "options", [{"reach": 2.9e-3}, {"reach": 3.1e-3}, {"depth": 2.9e-3}, {"actual": above(0.0299)}]
 )
-def test_on_smooth_ground_outcomes_are_those_of_single_rays(given, reading):
+def test_on_smooth_ground_outcomes_are_those_of_single_rays(options, reading):
     single, many = (
-        by_single_rays(touch(**given)),
-        applied("aperture", touch(**given), reading=reading),
+        by_single_rays(touch(**options)),
+        applied("aperture", touch(**options), reading=reading),
     )
     assert many.outcome == single.outcome
     assert many.advance == pytest.approx(single.advance, abs=30e-6)
@@ -129,16 +129,16 @@ def test_on_smooth_ground_outcomes_are_those_of_single_rays(given, reading):
 
 
 @pytest.mark.parametrize("time", [0.0, 30.0, 600.0, 1e9])
-def test_a_warm_pad_sends_the_times_of_slower_sound(time):
-    tip, given = finger(), {"rise": 8.0, "warm_up": 300.0}
-    one = applied("temperature", touch(field=DENT, time=time), tip, **given)
+def test_warm_pad_sends_the_times_of_slower_sound(time):
+    tip, options = finger(), {"rise": 8.0, "warm_up": 300.0}
+    contact = applied("temperature", touch(field=DENT, time=time), tip, **options)
     speed = 1000.0 - 3.0 * 8.0 * (1.0 - math.exp(-time / 300.0))
     times = 2 * (3e-3 - DENT) / speed
-    assert np.allclose(tip.calibration.encode(one.reading), times, rtol=1e-13)
+    assert np.allclose(tip.calibration.encode(contact.reading), times, rtol=1e-13)
     # A new zero leaves the scale alone: (1.1) with both times at the true speed.
-    one = applied("temperature", touch(field=DENT, time=time), tip, rezeroed=True, **given)
+    contact = applied("temperature", touch(field=DENT, time=time), tip, rezeroed=True, **options)
     expected = 1000.0 * (2 * 3e-3 / speed - times) / 2
-    assert np.allclose(one.reading, expected, rtol=1e-12, atol=1e-17)
+    assert np.allclose(contact.reading, expected, rtol=1e-12, atol=1e-17)
 
 
 def plane(slope: float, direction: float) -> Floats:
@@ -147,22 +147,22 @@ def plane(slope: float, direction: float) -> Floats:
 
 
 @pytest.mark.parametrize("direction", np.linspace(0.0, 2 * math.pi, 7))
-def test_a_plane_is_lost_where_its_echo_falls_below_the_threshold(direction):
+def test_plane_is_lost_where_its_echo_falls_below_the_threshold(direction):
     steepest = math.radians(12.0) * math.sqrt(-math.log(0.2))
     for slope, received in ((0.999 * steepest, True), (1.001 * steepest, False)):
-        one = touch(field=plane(slope, direction))
-        applied("echo_loss", one, angle=12.0, threshold=0.2)
+        contact = touch(field=plane(slope, direction))
+        applied("echo_loss", contact, angle=12.0, threshold=0.2)
         # Every taxel, at the border too, sees the slope of the plane.
-        assert np.array_equal(one.reading, one.compression * received)
+        assert np.array_equal(contact.reading, contact.compression * received)
 
 
 def test_echoes_are_lost_by_the_slope_of_the_pad():
     field = np.maximum(1.5e-3 - X**2 / (2 * 4e-3), 0.0)  # a ridge
-    one = applied("echo_loss", touch(field=field))
+    contact = applied("echo_loss", touch(field=field))
     slope = np.arctan(np.gradient(field, 1e-3, axis=1))
     lost = np.exp(-((slope / math.radians(15.0)) ** 2)) < 0.1
     assert lost.any() and not lost.all()
-    assert np.array_equal(one.reading, np.where(lost, 0.0, field))
+    assert np.array_equal(contact.reading, np.where(lost, 0.0, field))
     rough = np.random.default_rng(0).normal(1e-3, 1e-3, (16, 16))
     level = touch(field=np.full((16, 16), 1e-3), reading=rough)
     assert np.array_equal(applied("echo_loss", level).reading, rough)

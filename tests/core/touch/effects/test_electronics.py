@@ -13,9 +13,9 @@ FULL_SCALE = 0.8 * 3e-3
 LEVEL: Floats = np.full((16, 16), 1e-3)
 
 
-def is_share(found: Floats, share: float) -> bool:
+def is_share(result: Floats, share: float) -> bool:
     """Whether events come at a rate, within five standard errors."""
-    return bool(abs(found.mean() - share) < 5 * np.sqrt(share * (1 - share) / found.size) + 1e-15)
+    return bool(abs(result.mean() - share) < 5 * np.sqrt(share * (1 - share) / result.size) + 1e-15)
 
 
 def assert_white(noise: Floats) -> None:
@@ -32,9 +32,9 @@ def test_gains_and_offsets_are_a_white_pattern_that_stays():
     gains, offsets = [], []
     for number in range(1, 21):
         made = stage("gain_offset", finger(number=number), sigma_gain=0.05, sigma_offset=20e-6)
-        (offset,), found = readings(made, 0.0 * LEVEL, 1), readings(made, LEVEL, 3)
-        assert (found == found[0]).all()
-        gain = (found[0] - offset) / 1e-3  # and what is read is linear in the compression
+        (offset,), result = readings(made, 0.0 * LEVEL, 1), readings(made, LEVEL, 3)
+        assert (result == result[0]).all()
+        gain = (result[0] - offset) / 1e-3  # and what is read is linear in the compression
         assert np.allclose(readings(made, DENT, 1)[0], gain * DENT + offset, rtol=1e-12)
         gains.append((gain - 1.0) / 0.05)
         offsets.append(offset / 20e-6)
@@ -55,13 +55,13 @@ def test_gaussian_noise_is_white_and_normal():
 
 def walked(tip: Fingertip, times: Floats, rate: float = 2e-6) -> Floats:
     """Zeros of the taxels after each of these times, (touches, rows, cols)."""
-    made, found = stage("drift", tip, rate=rate), []
+    made, result = stage("drift", tip, rate=rate), []
     state = made.state
     for number, time in enumerate(times.tolist()):
-        one = touch(number, np.zeros((16, 16)), time=time)
-        state = made.apply(one, state)
-        found.append(one.reading)
-    return np.array(found)
+        contact = touch(number, np.zeros((16, 16)), time=time)
+        state = made.apply(contact, state)
+        result.append(contact.reading)
+    return np.array(result)
 
 
 def test_drift_is_a_random_walk_in_robot_time():
@@ -79,34 +79,35 @@ def test_drift_is_a_random_walk_in_robot_time():
 
 
 @pytest.mark.parametrize("rate", [0.01, 0.2, 1.0])
-def test_impulses_come_at_their_rate_half_of_them_each_way(rate):
-    found = readings(stage("salt_and_pepper", rate=rate), LEVEL, 200)
-    salt, pepper = np.isclose(found, FULL_SCALE, rtol=1e-14), found == 0.0
-    assert ((found == 1e-3) | salt | pepper).all()
+def test_impulses_have_their_rate_and_both_signs(rate):
+    result = readings(stage("salt_and_pepper", rate=rate), LEVEL, 200)
+    salt, pepper = np.isclose(result, FULL_SCALE, rtol=1e-14), result == 0.0
+    assert ((result == 1e-3) | salt | pepper).all()
     assert is_share(salt, rate / 2) and is_share(pepper, rate / 2)
     if rate == 0.2:
-        assert_white((found != 1e-3) / 0.4 - 0.5)  # unit variance: 0.2 of 0.8 is 0.4 squared
+        assert_white((result != 1e-3) / 0.4 - 0.5)  # unit variance: 0.2 of 0.8 is 0.4 squared
 
 
 def test_dead_and_stuck_taxels_come_at_their_rates():
     tips = [finger(number=number) for number in range(1, 41)]
-    given = {"rate": 0.1, "stuck": 0.05}
-    found = np.array([readings(stage("dead_taxels", tip, **given), -LEVEL, 1)[0] for tip in tips])
-    dead, stuck = found == 0.0, found > 0.0
+    options = {"rate": 0.1, "stuck": 0.05}
+    stages = [stage("dead_taxels", tip, **options) for tip in tips]
+    result = np.array([readings(made, -LEVEL, 1)[0] for made in stages])
+    dead, stuck = result == 0.0, result > 0.0
     assert is_share(dead, 0.1) and is_share(stuck, 0.05)
     # Uniform from 0 to full scale: the mean is the half, the variance a twelfth.
-    level = found[stuck] / FULL_SCALE
+    level = result[stuck] / FULL_SCALE
     assert level.max() < 1.0 and abs(level.mean() - 0.5) < 5 * np.sqrt(1 / 12 / level.size)
     assert abs(level.var() - 1 / 12) < 5 * np.sqrt(1 / 180 / level.size)
     alone = [readings(stage("dead_taxels", tip, rate=0.1), -LEVEL, 1)[0] for tip in tips]
     assert np.array_equal(np.array(alone) == 0.0, dead)  # the dead are the same without stuck ones
-    later = readings(stage("dead_taxels", tips[0], **given), DENT + 1e-5, 3)  # and stay alike
+    later = readings(stage("dead_taxels", tips[0], **options), DENT + 1e-5, 3)  # and stay alike
     broken = dead[0] | stuck[0]
-    assert (later == np.where(broken, found[0], DENT + 1e-5)).all()
+    assert (later == np.where(broken, result[0], DENT + 1e-5)).all()
 
 
 @pytest.mark.parametrize(
-    ("given", "signal", "step"),
+    ("options", "signal", "step"),
     [
         ({"clock": 20e6}, "time", 25e-6),
         ({"clock": 1e9}, "time", 0.5e-6),
@@ -115,40 +116,40 @@ def test_dead_and_stuck_taxels_come_at_their_rates():
         ({"bits": 6}, "force", 3e-3 / 64),
     ],
 )
-def test_quantisation_rounds_to_the_nearest_step(given, signal, step):
+def test_quantisation_rounds_to_the_nearest_step(options, signal, step):
     field = np.random.default_rng(0).uniform(0.2e-3, 2e-3, (16, 16))
-    made = stage("quantisation", finger(signal), **given)
-    (found,) = readings(made, field, 1)
-    error = (found - field) / step
+    made = stage("quantisation", finger(signal), **options)
+    (result,) = readings(made, field, 1)
+    error = (result - field) / step
     assert np.abs(error).max() <= 0.5 + 1e-9
     # Uniform: mean 0, variance 1/12, whose own variance is 1/180.
     assert abs(error.mean()) < 5 * np.sqrt(1 / 12 / error.size)
     assert abs(error.var() - 1 / 12) < 5 * np.sqrt(1 / 180 / error.size)
     assert made.noise == pytest.approx(step / np.sqrt(12))
-    assert np.array_equal(readings(made, found, 1)[0], found)  # and rounded again it stays
+    assert np.array_equal(readings(made, result, 1)[0], result)  # and rounded again it stays
 
 
 def test_clocks_count_ticks_and_converters_steps():
     tip = finger(thickness=3.01e-3)
-    (found,) = readings(stage("quantisation", tip, clock=30e6), DENT, 1)
-    ticks = tip.calibration.encode(found) * 30e6
+    (result,) = readings(stage("quantisation", tip, clock=30e6), DENT, 1)
+    ticks = tip.calibration.encode(result) * 30e6
     assert np.allclose(ticks, np.rint(ticks), rtol=0.0, atol=1e-9)
     assert np.abs(ticks - tip.calibration.encode(DENT) * 30e6).max() <= 0.5 + 1e-9
-    (found,) = readings(stage("quantisation", finger("force"), bits=6), DENT, 1)
-    codes = found / (3e-3 / 64)
+    (result,) = readings(stage("quantisation", finger("force"), bits=6), DENT, 1)
+    codes = result / (3e-3 / 64)
     assert np.allclose(codes, np.rint(codes), rtol=0.0, atol=1e-12)
-    assert (found[DENT == 0.0] == 0.0).all()
+    assert (result[DENT == 0.0] == 0.0).all()
 
 
 def sent(touches: int = 5000, **parameters: float) -> tuple[Floats, Floats]:
     """Delay [s] and number of copies of each of many touches."""
-    made, found = stage("transport", **parameters), []
+    made, result = stage("transport", **parameters), []
     for number in range(touches):
-        one = touch(number, DENT, time=2.0)
-        made.apply(one, None)
-        assert one.reading is DENT
-        found.append((one.time - 2.0, one.copies))
-    delays, copies = np.array(found).T
+        contact = touch(number, DENT, time=2.0)
+        made.apply(contact, None)
+        assert contact.reading is DENT
+        result.append((contact.time - 2.0, contact.copies))
+    delays, copies = np.array(result).T
     return delays, copies
 
 

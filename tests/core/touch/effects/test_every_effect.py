@@ -45,14 +45,14 @@ def series(pipeline: Pipeline) -> list[SimulatedTouch]:
     outcomes: list[dict[str, Any]] = [{}, {"reach": 1e-3}, {"depth": 2.9e-3}, {"depth": 0.4e-3}]
     outcomes.append({"actual": above(0.0), "believed": above(0.0)})
     touches, states = [], pipeline.begin()
-    for number, given in enumerate(outcomes):
+    for number, options in enumerate(outcomes):
         times = {"previous": 10.0 * number, "begun": 10.0 * number + 0.5}
-        touches.append(touch(number, **times, **given))
+        touches.append(touch(number, **times, **options))
         states = pipeline.simulate(touches[-1], states)
     return touches
 
 
-def test_the_catalogue_is_in_order_of_phase():
+def test_catalogue_is_in_order_of_phase():
     phases = [effect_type(name).phase for name in EFFECT_NAMES]
     assert phases == sorted(phases) and set(phases) == set(Phase)
     assert [rank(name) for name in EFFECT_NAMES] == list(range(len(EFFECT_NAMES)))
@@ -60,7 +60,7 @@ def test_the_catalogue_is_in_order_of_phase():
 
 
 @pytest.mark.parametrize(("name", "field", "allowed"), NUMBERS)
-def test_a_parameter_outside_its_range_is_refused(name, field, allowed):
+def test_parameter_outside_its_range_is_refused(name, field, allowed):
     margin = max(1.0, abs(allowed.high))
     for value in (allowed.low - margin, allowed.high + margin, math.nan, math.inf):
         words = f"^{field} is .*; expected {re.escape(str(allowed))}"
@@ -69,14 +69,15 @@ def test_a_parameter_outside_its_range_is_refused(name, field, allowed):
 
 
 @pytest.mark.parametrize(("name", "field", "allowed"), NUMBERS)
-def test_the_ends_of_a_range_give_finite_touches(name, field, allowed):
+def test_ends_of_a_range_give_finite_touches(name, field, allowed):
     for value in (allowed.low, allowed.high):
-        given = {field: int(value) if allowed.unit == "1" and value > 1 else value}
+        options = {field: int(value) if allowed.unit == "1" and value > 1 else value}
         if field == "stuck":
-            given["rate"] = 0.0  # the two are shares of the same taxels
-        for one in series(assemble(finger(), [effect_type(name)(**given)])):
-            assert np.isfinite(one.reading).all() and (one.pressure >= 0.0).all()
-            assert np.isfinite([*one.believed.array, *one.actual.array, one.pressure.max()]).all()
+            options["rate"] = 0.0  # the two are shares of the same taxels
+        for contact in series(assemble(finger(), [effect_type(name)(**options)])):
+            assert np.isfinite(contact.reading).all() and (contact.pressure >= 0.0).all()
+            poses = contact.believed.array, contact.actual.array
+            assert np.isfinite(poses).all() and np.isfinite(contact.pressure).all()
 
 
 @EACH
@@ -87,31 +88,32 @@ def test_equal_touches_and_states_give_equal_results(name):
 
 
 @EACH
-def test_a_stage_writes_into_no_array_that_it_was_given(name):
+def test_stages_do_not_modify_input_arrays(name):
     pipeline = assemble(finger(), [effect_type(name)()])
     states = pipeline.begin()
     for number, depth in enumerate((1e-3, 2.9e-3, 0.4e-3)):
-        one, kept = touch(number, depth=depth), []
+        contact, kept = touch(number, depth=depth), []
         for stage, state in zip(pipeline.stages, states, strict=True):
-            held = [getattr(one, field.name) for field in fields(one)]
+            held = [getattr(contact, field.name) for field in fields(contact)]
             for value in (*held, *(state if isinstance(state, tuple) else (state,))):
                 if isinstance(value, np.ndarray):
                     value.setflags(write=False)  # a write would raise
-            kept.append(stage.apply(one, state))
+            kept.append(stage.apply(contact, state))
         states = tuple(kept)
 
 
 @EACH
 def test_without_contact_only_noise_is_read(name):
-    for one in series(assemble(finger(), [effect_type(name)()])):
-        if one.outcome in ("miss", "inside"):
-            assert (one.compression == 0.0).all() and (one.pressure == 0.0).all()
-            assert np.median(np.abs(one.reading)) < 50e-6
-    assert {one.outcome for one in series(assemble(finger(), []))} >= {"miss", "inside", "hit"}
+    for contact in series(assemble(finger(), [effect_type(name)()])):
+        if contact.outcome in ("miss", "inside"):
+            assert (contact.compression == 0.0).all() and (contact.pressure == 0.0).all()
+            assert np.median(np.abs(contact.reading)) < 50e-6
+    outcomes = {contact.outcome for contact in series(assemble(finger(), []))}
+    assert outcomes >= {"miss", "inside", "hit"}
 
 
 @pytest.mark.parametrize("name", NOTHING)
-def test_an_effect_without_strength_changes_nothing(name):
+def test_effect_without_strength_changes_nothing(name):
     tip = finger(dome=1 / 0.015)
     pipeline = assemble(tip, [effect_type(name)(**NOTHING[name])])
     ideal = [values(one) for one in series(assemble(tip, []))]
@@ -122,8 +124,8 @@ def test_an_effect_without_strength_changes_nothing(name):
 @EACH
 def test_arrays_need_not_be_square_or_even(name, rows_cols):
     tip = finger(rows=rows_cols[0], cols=rows_cols[1], pitch=0.8e-3)
-    one = series(assemble(tip, [effect_type(name)()]))[0]
-    assert one.outcome == "hit" and one.reading.shape == one.pressure.shape == rows_cols
+    contact = series(assemble(tip, [effect_type(name)()]))[0]
+    assert contact.outcome == "hit" and contact.reading.shape == contact.pressure.shape == rows_cols
 
 
 @pytest.mark.parametrize(
@@ -140,7 +142,7 @@ def test_arrays_need_not_be_square_or_even(name, rows_cols):
         ("temperature", {"rise": 50.0, "coefficient": -10.0}, "time", "is -500 m/s; expected more"),
     ],
 )
-def test_parameters_that_cannot_be_are_refused(name, parameters, signal, words):
+def test_invalid_parameter_combinations_are_refused(name, parameters, signal, words):
     with pytest.raises(ValueError, match=words):
         effect_type(name)(**parameters).prepare(finger(signal))
 
@@ -154,6 +156,6 @@ def test_parameters_that_cannot_be_are_refused(name, parameters, signal, words):
         ("fractions:Fraction", ValueError, "must be a dataclass"),
     ],
 )
-def test_what_is_no_effect_is_refused(name, error, words):
+def test_invalid_effect_classes_are_refused(name, error, words):
     with pytest.raises(error, match=words):
         effect_type(name)
