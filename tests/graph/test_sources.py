@@ -117,7 +117,7 @@ def test_keys_step_pause_and_resume_a_recording_in_a_terminal(stack, tmp_path):
     wait_for(lambda: handled(running_graphs()[0], "player", "sent") == 1 + 2)
     terminal.stdin.write(b"   ")
     lines = terminal.stdout.readlines()
-    assert lines == [b"goes on\r\n", b"paused\r\n", b"goes on\r\n", b"played 50 messages\r\n"]
+    assert lines == [b"resumed\r\n", b"paused\r\n", b"resumed\r\n", b"played 50 messages\r\n"]
     assert terminal.wait(WITHIN) == 0
 
 

@@ -163,7 +163,7 @@ def test_control_lattice_is_written(table, here, told):
         ("--tolerance 1e-9 --unit mm", "--tolerance 1e-09: 1e-09 mm would take more"),
         ("--tolerance nan", "--tolerance nan: must be a finite number"),
         ("--noise inf", "--noise inf: must be a finite number"),
-        ("--noise 1e6 --unit cm", "--noise 1e+06: must be less than the object is"),
+        ("--noise 1e6 --unit cm", "--noise 1e+06: must be less than the size of the object, 90 cm"),
         ("--top inf", "--top inf: must be a finite number"),
     ],
 )

@@ -93,9 +93,10 @@ def _draw_moment(line: Timeline, time: float, layout: RunLayout, canvas: Canvas)
     if moment.models:
         model = line.models[moment.models - 1]
         canvas.draw_mesh(model.vertices, model.faces, np.array(style.SOLID))
-    contacts = [*touches, *line.grasps[: moment.grasps]]
     _draw_contours(line.contours[: moment.contours], layout, canvas)
-    _draw_touches([contact.points for contact in contacts], layout, canvas)
+    points = [touch.points for touch in touches]
+    points += [grasp.points for grasp in line.grasps[: moment.grasps]]
+    _draw_touches(points, layout, canvas)
     if touches and moment.touches < len(line.touches):
         canvas.draw_mesh(*finger_mesh(touches[-1].pose), np.array(rgb("finger")))
     if line.truth is not None:

@@ -35,7 +35,7 @@ class PadSketch:
 
     def elements(self) -> Floats:
         """Positions (n_elements,) along the row, about its middle [mm]."""
-        return np.arange(self.n_elements) - 0.5 * (self.n_elements - 1)
+        return np.asarray(np.arange(self.n_elements) - 0.5 * (self.n_elements - 1), np.float64)
 
 
 PAD = PadSketch()

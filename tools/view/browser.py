@@ -94,7 +94,7 @@ class Scene:
         scene.configure_environment_map(None)
         scene.configure_default_lights(False, cast_shadow=False)
         scene.add_light_hemisphere("/sky", ground_color=(150, 150, 160), intensity=1.2)
-        scene.add_light_directional("/sun", intensity=2.0, position=LIGHT.direction())
+        scene.add_light_directional("/sun", intensity=2.0, position=LIGHT.direction().tolist())
 
     def show(self, moment: Moment, options: ViewOptions) -> None:
         """Show a moment."""

@@ -23,7 +23,8 @@ class FixedLight:
 
     def direction(self) -> Floats:
         """Unit vector (3,) towards the light."""
-        return np.array(self.towards) / np.linalg.norm(self.towards)
+        direction: Floats = np.array(self.towards) / np.linalg.norm(self.towards)
+        return direction
 
 
 LIGHT = FixedLight()

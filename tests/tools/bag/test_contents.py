@@ -363,7 +363,7 @@ def test_diff_counts_by_topic_and_compares_only_named_ones(differ):
 def test_diff_of_an_unclosed_recording_goes_as_far_as_it_goes(differ, tmp_path):
     late = {"closed": False, "sent": [10**9, 10**10]}
     lines = differ(A, A[:2], second=late)
-    assert lines[0] == f"{tmp_path / 'b.mcap'} was never closed: comparing as far as it goes"
+    assert lines[0] == f"{tmp_path / 'b.mcap'} was never closed: compared up to its end"
     assert lines[1] == "first difference: /out 0: only in A"
 
 

@@ -267,7 +267,7 @@ def test_export_without_suitable_topic_is_refused(explored, tmp_path, kind, topi
 def test_unusable_recordings_are_refused(record, tmp_path, explored):
     out = tmp_path / "out"
     explored.write_bytes(explored.read_bytes()[:-30])
-    with pytest.raises(InputError, match=r"cut off at byte \d+; `palpate bag recover` saves what"):
+    with pytest.raises(InputError, match=r"cut off at byte \d+; `palpate bag recover` saves its"):
         export_bag(explored, "csv", out)
     with pytest.raises(InputError, match="holds no message"):
         export_bag(record([], name="empty.mcap"), "csv", out)
