@@ -156,7 +156,7 @@ def test_published_messages_arrive_though_the_console_dies_in_between(run, watch
 
 
 REFUSED = [
-    ("/consule", "{}", "nobody publishes /consule; did you mean '/console'?"),
+    ("/consule", "{}", "no node publishes /consule; did you mean '/console'?"),
     ("/counter", "{}", "a TactileFrame lacks goal, touch, finger"),
     ("/console", "{goal: 1}", "a TactileFrame lacks touch, finger"),
     ("/console", "[1]", "BODY must be a map of fields"),

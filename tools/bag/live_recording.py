@@ -23,7 +23,7 @@ from palpate.launch.processes.registry import RunCard
 from palpate.launch.run_directory import free_path
 from palpate.messages import Header, recording
 from palpate.messages.bus import PAST_BATCH, PastReader, SocketContext
-from palpate.tools.introspection.topics import STATUS_TOPICS, TICK, TapSubscription, Topic, taps_of
+from palpate.tools.introspection.topics import STATUS_TOPICS, TapSubscription, Topic, taps_of
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -146,7 +146,7 @@ class GraphMessages:
         return {topic: order.lost for topic, order in self._orders.items() if order.lost}
 
     def batches(
-        self, duration: float | None = None, tick: float = TICK
+        self, duration: float | None = None, tick: float = 0.1
     ) -> Iterator[list[tuple[str, Header, bytes]]]:
         """New messages in order, every `tick` [s]; ends as `TapSubscription.batches` does.
 

@@ -415,7 +415,7 @@ def test_recordings_that_cannot_be_are_refused(graph, refusal, tmp_path):
     for topic, name, words in (
         ("/log", "a", "/log cannot be recorded"),
         ("/node/status", "a", "/node/status cannot be recorded"),
-        ("/none", "a", "nobody publishes /none"),
+        ("/none", "a", "no node publishes /none"),
         ("/t", "there", "there: exists already; it is not overwritten"),
     ):
         assert words in refusal("bag record -o", tmp_path / name, "--topics", topic)

@@ -72,7 +72,7 @@ NO_RECORDING = "x.mcap: the recording does not exist"
         ("bag export x.mcap -o y --format csv", NO_RECORDING),
         ("topic ecko", "there is no command 'ecko'; did you mean 'echo'? (see palpate topic"),
         ("topic echo", "Missing argument 'TOPIC'"),
-        ("topic hz", "name at least one topic, or take --all of them, not both"),
+        ("topic hz", "name at least one topic, or choose --all of them, not both"),
         ("topic hz /a --window 1", "1 is not in the range"),
         ("calibrate", "Missing argument 'SCENE'"),
         ("--completion csh", "'csh' is not one of 'bash', 'zsh', 'fish'"),

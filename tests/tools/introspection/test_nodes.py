@@ -19,6 +19,7 @@ from palpate.launch.processes.registry import running_graphs
 from palpate.messages import decode
 from palpate.messages.types import TYPES, TactileFrame
 from palpate.tools.introspection.doctor import graphs_findings, machine_findings
+from palpate.tools.introspection.requests import RequestTimeouts, request
 from tests.tools.toy_graph import PARAMS
 
 Usage = namedtuple("Usage", "total used free")
@@ -54,7 +55,7 @@ def test_node_info_tells_health_topics_and_parameters(graph, call, refusal):
         "  messages  5 handled, 7 sent",
         "  gaps      2, duplicates 1",
         "  handler   p50 3 us, p99 4 us",
-        "    /odd  NoSuchType  to nobody",
+        "    /odd  NoSuchType  to no node",
         "    size: 3",
     ):
         assert line in lines
@@ -136,7 +137,7 @@ def test_message_is_published_by_its_node(graph, call, refusal):
     ):
         assert words in refusal("topic pub /t", wrong, "--once")
     assert "--rate must be positive, got 0" in refusal("topic pub /t", body, "-r", 0)
-    assert "/log is what nodes say of themselves" in refusal("topic pub /log", body)
+    assert "/log is what nodes report of themselves" in refusal("topic pub /log", body)
 
 
 def test_player_is_paused_resumed_and_stepped(graph, call):
@@ -215,7 +216,7 @@ FAULTS = [
     (zmq, "zmq_version_info", lambda: (4, 2, 9), "FAIL", "is too old, the bus needs 4.3"),
     (zmq, "has", lambda name: name != "ipc", "FAIL", "has no Unix sockets"),
     (zmq, "has", lambda name: name != "curve", "WARN", "cannot encrypt"),
-    (zmq, "IPC_PATH_MAX_LEN", 10, "FAIL", "at most 10 will do; set XDG_RUNTIME_DIR"),
+    (zmq, "IPC_PATH_MAX_LEN", 10, "FAIL", "at most 10 are allowed; set XDG_RUNTIME_DIR"),
     (shutil, "disk_usage", lambda _: Usage(0, 0, 1 << 20), "FAIL", "make room"),
     (shutil, "disk_usage", lambda _: Usage(0, 0, 1 << 25), "WARN", "recording may not fit"),
     (os, "access", lambda *_: False, "FAIL", "cannot be written; choose another folder"),
@@ -265,6 +266,6 @@ def test_doctor_finds_faults_of_a_graph(graph, answer, gaps, level, words):
 
 
 def test_doctor_fails_for_a_graph_that_does_not_answer(graph, monkeypatch):
-    monkeypatch.setattr("palpate.tools.introspection.requests.REQUEST_PATIENCE", 0.05)
+    monkeypatch.setitem(request.__kwdefaults__, "timeouts", RequestTimeouts(answer=0.05))
     (found,) = graphs_findings(running_graphs())
     assert found.level == "FAIL" and "gives no answer within 0.05 s" in found.text

@@ -36,7 +36,7 @@ def test_topics_are_listed_with_types_publishers_and_subscribers(graph, call, re
     assert "/t [TactileFrame]" in call("topic list -t").out.splitlines()
     lines = call("topic list -v").out.splitlines()
     assert "/t [TactileFrame] from talker to hearer" in lines
-    assert "/odd [NoSuchType] from talker to nobody" in lines
+    assert "/odd [NoSuchType] from talker to no node" in lines
     listed = {one["name"]: one for one in json.loads(call("topic list --json").out)}
     assert listed["/log"]["publishers"] == ["talker", "hearer", "cleaner", "player"]
     assert call("topic type t").out == "TactileFrame\n"
@@ -44,7 +44,7 @@ def test_topics_are_listed_with_types_publishers_and_subscribers(graph, call, re
     assert "no topic carries TactileFrme; did you mean 'TactileFrame'" in refusal(
         "topic find TactileFrme"
     )
-    assert "nobody publishes /logg; did you mean '/log'?" in refusal("topic type /logg")
+    assert "no node publishes /logg; did you mean '/log'?" in refusal("topic type /logg")
 
 
 def test_topic_info_tells_fields_with_units(graph, call, refusal):
@@ -222,7 +222,7 @@ def test_rate_without_neighbouring_messages_has_no_period(graph, call, refusal):
         "average rate: 100.000\n\tno two neighbouring messages came "
         "window: 2 (8 sent, but not received)\n"
     )
-    assert "nobody publishes /rely" in refusal("topic hz /rely")
+    assert "no node publishes /rely" in refusal("topic hz /rely")
 
 
 def test_measuring_ends_with_the_graph(graph):

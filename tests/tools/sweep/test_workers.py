@@ -86,10 +86,9 @@ def test_cluster_makes_the_table_of_one_process(two, tmp_path):
 
 
 def test_missing_scheduler_is_refused_in_one_sentence(monkeypatch):
-    monkeypatch.setattr("palpate.tools.sweep.sweep_folder.ANSWER_TIME", 0.2)
     wanted = "--scheduler needs dask.distributed .*pip install 'palpate|no scheduler can be reached"
     with pytest.raises(InputError, match=wanted):
-        ClusterWorkers("tcp://127.0.0.1:1")
+        ClusterWorkers("tcp://127.0.0.1:1", timeout=0.2)
     monkeypatch.setitem(__import__("sys").modules, "distributed", None)
     with pytest.raises(InputError, match=r"needs dask.distributed .*'palpate\[sweep\]'"):
         ClusterWorkers("tcp://127.0.0.1:1")
