@@ -41,7 +41,7 @@ CHECKED = (
     planner_touches_check,
 )
 CHECKS = [(one, name) for one in CHECKED for name in vars(one) if name.startswith("test_")]
-LONG = ("test_its_frames_become_the_ball",)
+LONG = ("test_solid_of_the_frames_is_the_ball",)
 FILES = {
     "node": ("my_node.py", "test_my_node.py", "my_node.yaml"),
     "driver": ("my_driver.py", "test_my_driver.py", "my_driver.yaml"),
@@ -97,8 +97,8 @@ def test_tests_of_templates_fail_for_wrong_code(monkeypatch):
     monkeypatch.setattr(node_check, "NODE", wrong)
     monkeypatch.setattr(planner_check, "Template", Metres)
     for check in (
-        node_check.test_each_place_that_bends_more_than_all_before_is_told,
-        node_check.test_the_launch_file_may_say_what_is_little,
+        node_check.test_each_larger_curvature_is_published,
+        node_check.test_smallest_curvature_is_a_parameter,
         planner_check.test_the_plan_in_millimetres_is_the_plan_in_metres,
         planner_check.test_the_budget_is_kept,
         planner_check.test_everything_a_pad_can_touch_is_touched,

@@ -152,7 +152,7 @@ def write_reports(folder: Path) -> list[Path]:
 def _alone_in(folder: Path) -> Iterator[None]:
     """Make the folder of a sweep if it is missing, and lock it.
 
-    Raises InputError if it cannot be written, has other contents, or another sweep is running there.
+    Raises InputError if it cannot be written, has other contents, or a sweep is running there.
     """
     if folder.is_dir() and any(folder.iterdir()) and not (folder / ASKED).is_file():
         raise InputError(f"{folder}: holds no sweep; choose a new or an empty folder, or a sweep's")

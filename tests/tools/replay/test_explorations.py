@@ -114,7 +114,7 @@ def test_resumption_repeats_what_was_known_then(run_folder, tmp_path):
     for name, consumed in first.items():
         assert consumed == whole[name][: len(consumed)]
     assert len(first["reconstructor"]) < len(whole["reconstructor"])
-    with pytest.raises(ValueError, match=r"has \d contours, so none to go on from after 99"):
+    with pytest.raises(ValueError, match=r"has \d contours, so none to resume after 99"):
         plan_resume(run_folder, 99, out=tmp_path / "99")
     assert past_differences(run_folder, run_folder) == ""
     assert past_differences(run_folder, tmp_path) == ""

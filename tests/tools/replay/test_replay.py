@@ -189,7 +189,7 @@ def test_failed_node_publishes_nothing_more(play, chain):
 def test_messages_are_handed_over_in_the_order_of_sending(play, module):
     code, lines = play(GOOD[:-1], sent=[10**9 * one for one in range(8)], closed=False)
     assert code == 0 and lines[1].startswith("adder: identical, ")
-    assert lines[0].endswith("topics.mcap was never closed: replaying as far as it goes")
+    assert lines[0].endswith("topics.mcap was never closed: replayed up to its end")
     # Without needs the world must come before the number, though it was recorded after it.
     module("adding", Node(**{**ADDER, "needs": ()}))
     assert play(GOOD[:5], sent=[1, 3, 2, 4, 5])[0] == 0
