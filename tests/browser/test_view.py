@@ -11,9 +11,7 @@ from palpate.tools.surfaces import shades
 from palpate.tools.view.live import View, address_of, serving
 from palpate.tools.view.timeline import read_timeline
 
-from .pictures import colours_in, picture_of, share_changed
-
-CHANGED = 0.003  # share of the pixels
+from .pictures import colours_in, is_changed, picture_of, share_changed
 
 
 @pytest.fixture
@@ -84,9 +82,9 @@ def until(holds, seconds=60.0):
         time.sleep(0.05)
 
 
-def until_it_looks_as(before, page, seconds=60.0):
+def until_it_looks_as(before, page, seconds=60.0, max_share=0.003):
     end = time.monotonic() + seconds
-    while (share := share_changed(before, now := scene_of(page))) >= CHANGED:
+    while (share := share_changed(before, now := scene_of(page))) >= max_share:
         rows, columns = np.nonzero((before != now).any(axis=2))
         where = f"rows {rows.min()} to {rows.max()}, columns {columns.min()} to {columns.max()}"
         assert time.monotonic() < end, f"{share:.2%} of the picture are different, in {where}"
@@ -100,21 +98,21 @@ def figures_of(page):
     return float(match[1]), int(match[2]), int(match[3])
 
 
-def test_controls_change_what_is_seen_of_a_recording(view, open_page):
+def test_controls_change_the_shown_recording(view, open_page):
     watched = opened(open_page, view)
     page, line = watched.page, view.line
     assert figures_of(page) == (round(line.end, 1), len(line.touches), len(line.touches))
     end = still(page, looks=6)  # a busy machine draws parts late
 
     page.get_by_label("true solid").click()
-    until(lambda: share_changed(end, scene_of(page)) > CHANGED)
+    until(lambda: is_changed(end, scene_of(page)))
     page.get_by_label("true solid").click()
     until_it_looks_as(end, page)
 
     slider = page.get_by_role("slider").first
     slider.press("Home")
     until(lambda: figures_of(page)[:2] == (0.0, 0))
-    until(lambda: share_changed(end, scene_of(page)) > 10 * CHANGED)
+    until(lambda: is_changed(end, scene_of(page), min_share=0.03))
     page.get_by_role("button", name="touch ▶").click()
     until(lambda: figures_of(page)[1] == 1)
     slider.press("End")

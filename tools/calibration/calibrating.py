@@ -238,10 +238,10 @@ def calibration_text(figures: Mapping[str, Any]) -> str:
             f"{low:.1f} to {high:.1f} um about a common {common:.1f} um, each +- "
             f"{1e6 * figures['offset_error_m']:.1f} um",
         ),
-        ("noise", f"{1e6 * figures['noise_m']:.2f} um, figures taxel"),
+        ("noise", f"{1e6 * figures['noise_m']:.2f} um, one taxel"),
         (
             "arm",
-            f"{1e6 * figures['pose_error_m']:.0f} um off along the pad's normal, figures touch",
+            f"{1e6 * figures['pose_error_m']:.0f} um off along the pad's normal, one touch",
         ),
         (
             "taxels",

@@ -18,7 +18,7 @@ from palpate.tools.cli.command_line import (
 
 
 @click.command(
-    "calibrate", short_help="Press a known flat and ball, and say what each taxel means."
+    "calibrate", short_help="Calibrate a sensor by pressing a known flat and ball."
 )
 @click.argument("scene", shell_complete=complete_scene)
 @out_option("Write the calibration here, as YAML.")

@@ -23,7 +23,7 @@ def _figure_names(_: click.Context, __: str) -> Iterable[str]:
     return FIGURES
 
 
-@click.command("gallery", short_help="Draw the figures of the thesis, and some of ours.")
+@click.command("gallery", short_help="Draw the figures of the thesis, and some of palpate.")
 @click.argument(
     "figures", nargs=-1, metavar="[FIGURE]...", shell_complete=completing(_figure_names)
 )

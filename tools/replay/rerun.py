@@ -130,20 +130,20 @@ def with_settings(
         return tuple(chosen)
     entries = [_entry(node.wiring) for node in chosen]
     recorded = [*map(_entry, recorded_nodes(graph))]
-    again = {name for entry in entries for name in (entry.name, entry.group)}
+    replayed = {name for entry in entries for name in (entry.name, entry.group)}
     ran = {name for entry in recorded for name in (entry.name, entry.group)}
     names = ", ".join(entry.name for entry in entries)
     for target, value in settings.items():
         node, _, param = target.partition(".")
-        if param and node in ran - again:
+        if param and node in ran - replayed:
             text = f"{node!r} is not among the nodes to run again: {names}; add it to --nodes"
             raise value.error((), text)
     changed = override(Graph(tuple(entries), ends=""), settings).entries
     nodes = list(chosen)
-    for i, (node, entry) in enumerate(zip(chosen, changed, strict=True)):
+    for i, (again, entry) in enumerate(zip(chosen, changed, strict=True)):
         if entry.places:
-            params: Any = convert(entry.settings, node.node.params, entry.name)
-            nodes[i] = node._replace(wiring=replace(node.wiring, params=params))
+            params: Any = convert(entry.settings, again.node.params, entry.name)
+            nodes[i] = again._replace(wiring=replace(again.wiring, params=params))
     return tuple(nodes)
 
 

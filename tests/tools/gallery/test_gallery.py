@@ -62,7 +62,7 @@ def test_figures_are_found_by_name_or_thesis_number():
     assert {*numbers} == printed
 
 
-def test_gallery_verb_draws_and_lists(here, call):
+def test_gallery_command_draws_and_lists(here, call):
     code, out, err = call("gallery 2.4 step_components -o a/b --json")
     assert (code, err) == (0, "drawing bernstein\ndrawing step_components\n")
     assert json.loads(out) == ["a/b/bernstein.png", "a/b/step_components.png"]

@@ -89,7 +89,7 @@ def choose(view, seen, label, value):
     view.draw()
 
 
-def test_jump_shows_what_playing_has_shown(view, seen):
+def test_seeking_shows_the_same_as_playing(view, seen):
     view.watched = True
     played = {}
     while view.playing:
@@ -102,7 +102,7 @@ def test_jump_shows_what_playing_has_shown(view, seen):
     assert len({str(state) for state in played.values()}) > 10
 
 
-def test_only_what_exists_at_a_time_is_shown(view, seen):
+def test_future_events_are_not_shown(view, seen):
     view.seek(0.0)
     assert seen.names() == set()
     view.seek(view.line.end)
