@@ -1,14 +1,14 @@
-"""What the moves of a recorded run would have cost one robot or another.
+"""Robot time that the moves of a recorded run would take with another robot.
 
-Fingers work at once, so a run takes as long as the slowest of them. A finger that waits does so
-until another one has come to the end of a move, which is seen from the recorded times; with
-another robot that move ends at another time, and the wait with it. Any other wait stays as it was.
+Fingers work at once, so a run takes as long as the slowest of them. A finger waits until another
+finger ends a move, which is found from the recorded times; with another robot that move ends at
+another time, and so does the wait. Any other wait is kept.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal, NamedTuple, get_args
 
@@ -32,24 +32,23 @@ from palpate.messages.recording import Recording, open_recording
 from palpate.messages.types import ContourGoal, GraspContacts, ProbeGoal, TactileFrame, Turned
 from palpate.nodes.runtime.node import recorded_nodes
 
-PARTS = ("travel", "approach", "dwell", "retract", "wait")  # Of a time, in the order told
-Phase = Literal["grasp", "contours", "probes", "other"]  # What a move was for; other without a goal
+PARTS = ("travel", "approach", "dwell", "retract", "wait")  # of a time, in the order of the table
+Phase = Literal["grasp", "contours", "probes", "other"]  # purpose of a move; other: without a goal
 PHASES: tuple[Phase, ...] = get_args(Phase)
 Costs = dict[str, Any]
-TIME_TOLERANCE = 1e-9  # Times that differ by less of themselves are one: sums are rounded
+TIME_TOLERANCE = 1e-9  # relative difference of equal times, from the rounding of sums
 SIMULATOR = "palpate.nodes.simulator"
-HAND_FINGER = 1  # The hand is moved by the arm of this finger
-# What is read, by type: topics may have been given other names.
+HAND_FINGER = 1  # number of the finger whose arm moves the hand
+# Messages that are read, by type, since topics can be renamed.
 KINDS: Mapping[str, type] = {
     kind.__name__: kind for kind in (ContourGoal, ProbeGoal, TactileFrame, GraspContacts, Turned)
 }
-TITLE_WIDTH = 12  # Letters
 
 
 def plot_cost(run: Path, path: Path) -> None:
-    """Draw what accuracy cost a run into an SVG file; ``-`` is standard output.
+    """Draw the cost of a run against its accuracy into an SVG file; ``-`` is standard output.
 
-    Raises InputError if the run has no figures, or those of another version, or the file cannot be
+    Raises InputError if the run has no summary, or one of another version, or the file cannot be
     written.
     """
     if str(path) != "-" and path.suffix != ".svg":
@@ -66,9 +65,9 @@ def plot_cost(run: Path, path: Path) -> None:
 
 
 def robot_time(run: Path, names: Sequence[str] = ()) -> Costs:
-    """What a recorded run would have cost robots, or all known, by names with the unit in them.
+    """Costs of a recorded run with some robots, or with all, by names that contain the unit.
 
-    Raises InputError if the recording cannot be read or tells no moves, or a robot is unknown.
+    Raises InputError if the recording cannot be read or has no moves, or a robot is unknown.
     """
     for name in names:
         if name not in ROBOTS:
@@ -77,9 +76,9 @@ def robot_time(run: Path, names: Sequence[str] = ()) -> Costs:
 
 
 def costs_of(run: RunMoves, names: Sequence[str]) -> Costs:
-    """The same of moves that were read."""
-    closings = sum(one.phases.count("grasp") for one in run.fingers)
-    touches = sum(len(one.phases) for one in run.fingers) - closings
+    """Costs of the moves of a run with some robots."""
+    closings = sum(finger.phases.count("grasp") for finger in run.fingers)
+    touches = sum(len(finger.phases) for finger in run.fingers) - closings
     return {
         "recording": str(run.path),
         "complete": run.closed,
@@ -92,14 +91,14 @@ def costs_of(run: RunMoves, names: Sequence[str]) -> Costs:
 
 
 def _recorded_figures(run: RunMoves) -> Costs:
-    """The recorded times against the sum of the moves, as the same robot makes them."""
-    slowest = max(run.fingers, key=lambda one: float(one.ends[-1]))
+    """Recorded time, and its difference from the sum of the moves with the recorded robot."""
+    slowest = max(run.fingers, key=lambda finger: float(finger.ends[-1]))
     ended, missing = float(slowest.ends[-1]), None
-    if all(one.robot in ROBOTS for one in run.fingers):
+    if all(finger.robot in ROBOTS for finger in run.fingers):
         missing = 0.0
-        for one in run.fingers:
-            made = move_durations(one.moves, ROBOTS[str(one.robot)]).total()
-            missing = max(missing, abs(float(made.sum() - one.ends[-1])))
+        for finger in run.fingers:
+            durations = move_durations(finger.moves, ROBOTS[str(finger.robot)]).total()
+            missing = max(missing, abs(float(durations.sum() - finger.ends[-1])))
     return {
         "robot": slowest.robot,
         "robot_time_s": ended,
@@ -111,23 +110,21 @@ def _recorded_figures(run: RunMoves) -> Costs:
 def _cost(run: RunMoves, name: str, touches: int) -> Costs:
     robot = ROBOTS[name]
     moved = with_recomputed_waits(run.fingers, robot)
-    made = [move_durations(moves, robot) for moves in moved]
-    totals = [float(one.total().sum()) for one in made]
+    durations = [move_durations(moves, robot) for moves in moved]
+    totals = [float(of_finger.total().sum()) for of_finger in durations]
     slowest = int(np.argmax(totals))
     phases, figures = np.array(run.fingers[slowest].phases), dict[str, Costs]()
     for phase in PHASES:
         if phase != "other" or phase in phases:
-            parts, moves = (
-                _part_figures(made[slowest], phases == phase),
-                int((phases == phase).sum()),
-            )
-            each = parts["total_s"] / moves if moves else None
-            figures[phase] = {"moves": moves, **parts, "per_move_s": each}
+            parts = _part_figures(durations[slowest], phases == phase)
+            moves = int((phases == phase).sum())
+            mean = parts["total_s"] / moves if moves else None
+            figures[phase] = {"moves": moves, **parts, "per_move_s": mean}
     return {
-        **_part_figures(made[slowest], np.ones(len(phases), dtype=bool)),
+        **_part_figures(durations[slowest], np.ones(len(phases), dtype=bool)),
         "per_touch_s": totals[slowest] / touches if touches else None,
         "slowest_finger": run.fingers[slowest].finger,
-        "finger_s": {str(one.finger): s for one, s in zip(run.fingers, totals, strict=True)},
+        "finger_s": {str(f.finger): total for f, total in zip(run.fingers, totals, strict=True)},
         "phases": figures,
     }
 
@@ -135,13 +132,13 @@ def _cost(run: RunMoves, name: str, touches: int) -> Costs:
 def with_recomputed_waits(
     fingers: Sequence[FingerMoves], robot: RobotPreset | SlidingPreset
 ) -> list[MoveGeometry]:
-    """The moves of all fingers, with the waits that this robot would have."""
-    unwaiting = [one.moves._replace(wait=0.0 * one.moves.wait) for one in fingers]
+    """Moves of all fingers, with the waits that a robot would have."""
+    unwaiting = [finger.moves._replace(wait=0.0 * finger.moves.wait) for finger in fingers]
     lasts = [move_durations(moves, robot).total() for moves in unwaiting]
-    waits = [one.moves.wait.copy() for one in fingers]
-    ends = [np.zeros(len(one.ends)) for one in fingers]
-    # As they ended: who is waited for comes before who waits.
-    order = sorted((end, i, k) for i, one in enumerate(fingers) for k, end in enumerate(one.ends))
+    waits = [finger.moves.wait.copy() for finger in fingers]
+    ends = [np.zeros(len(finger.ends)) for finger in fingers]
+    # In the order of their ends, an awaited move comes before the move that waits for it.
+    order = sorted((end, i, k) for i, f in enumerate(fingers) for k, end in enumerate(f.ends))
     for end, finger, move in order:
         before = ends[finger][move - 1] if move else 0.0
         if waits[finger][move] > TIME_TOLERANCE * end:
@@ -149,36 +146,36 @@ def with_recomputed_waits(
             if awaited is not None:
                 waits[finger][move] = max(ends[awaited[0]][awaited[1]] - before, 0.0)
         ends[finger][move] = before + waits[finger][move] + lasts[finger][move]
-    return [one.moves._replace(wait=wait) for one, wait in zip(fingers, waits, strict=True)]
+    return [f.moves._replace(wait=wait) for f, wait in zip(fingers, waits, strict=True)]
 
 
 def _awaited(fingers: Sequence[FingerMoves], finger: int, move: int) -> tuple[int, int] | None:
-    """The other finger, and its move at whose end this one began; None if there is none."""
-    one = fingers[finger]
-    begun = float(one.moves.wait[move]) + (float(one.ends[move - 1]) if move else 0.0)
+    """Indices of the finger and the move at whose end a move begins; None if there is none."""
+    own = fingers[finger]
+    start = float(own.moves.wait[move]) + (float(own.ends[move - 1]) if move else 0.0)
     for i, other in enumerate(fingers):
-        near = int(np.argmin(np.abs(other.ends - begun)))
-        if i != finger and abs(float(other.ends[near]) - begun) <= TIME_TOLERANCE * begun:
+        near = int(np.argmin(np.abs(other.ends - start)))
+        if i != finger and abs(float(other.ends[near]) - start) <= TIME_TOLERANCE * start:
             return i, near
     return None
 
 
-def _part_figures(made: MoveDurations, which: Bools) -> Costs:
-    parts = {f"{part}_s": float(getattr(made, part)[which].sum()) for part in PARTS}
-    return {**parts, "total_s": float(made.total()[which].sum())}
+def _part_figures(durations: MoveDurations, which: Bools) -> Costs:
+    parts = {f"{part}_s": float(getattr(durations, part)[which].sum()) for part in PARTS}
+    return {**parts, "total_s": float(durations.total()[which].sum())}
 
 
-# Of a finger: its simulator, and of its moves the figures, goals and ends.
+# Simulator of a finger, and rows, goals and ends of its moves.
 _Moved = tuple[str, list[Floats], list[int | None], list[float]]
 
 
 def read_moves(run: Path) -> RunMoves:
-    """The moves of a run; raises InputError if it cannot be read, or does not tell them."""
+    """Moves of a run; raises InputError if it cannot be read, or has none."""
     path = find_bag(run)
     try:
         recording = open_recording(path)
         robots = _robots(recording)
-        phases, found = _collected(recording)
+        phases, moved = _collected(recording)
     except CodecError as error:
         raise InputError(f"{path}: was recorded with other messages: {error}") from None
     except ValueError as error:
@@ -191,18 +188,18 @@ def read_moves(run: Path) -> RunMoves:
             tuple(phases.get(goal, "other") for goal in goals),
             np.array(ends),
         )
-        for number, (publisher, rows, goals, ends) in sorted(found.items())
+        for number, (publisher, rows, goals, ends) in sorted(moved.items())
     )
-    # The frame of a sensor that no arm moved has a move of nothing.
-    if not any((one.moves.approach > 0.0).any() for one in fingers):
+    # Frames of a sensor that no arm moves have moves of length zero.
+    if not any((finger.moves.approach > 0.0).any() for finger in fingers):
         raise InputError(f"{path}: holds no moves of an arm, so no robot's time follows from it")
     return RunMoves(path, fingers, recording.closed)
 
 
 def _collected(recording: Recording) -> tuple[dict[int | None, Phase], dict[int, _Moved]]:
-    """The phase of each goal, none where the hand closed; and by finger what moved it."""
+    """Phase of each goal, None for closings of the hand; and moves by number of the finger."""
     phases: dict[int | None, Phase] = {None: "grasp"}
-    found: dict[int, _Moved] = {}
+    moves: dict[int, _Moved] = {}
     seen = set[tuple[int, int, int]]()
     for kept in recording.messages():
         message: object = decode(KINDS[kept.type], kept.body) if kept.type in KINDS else None
@@ -218,91 +215,92 @@ def _collected(recording: Recording) -> tuple[dict[int | None, Phase], dict[int,
             case TactileFrame() as moved:
                 number, named = moved.finger, moved.goal
                 key = (moved.finger, moved.goal, moved.touch)
-                if key in seen:  # a link may deliver a frame twice
+                if key in seen:  # a network link may deliver a frame twice
                     continue
                 seen.add(key)
             case _:
                 continue
-        _, rows, goals, ends = found.setdefault(number, (kept.publisher, [], [], []))
+        _, rows, goals, ends = moves.setdefault(number, (kept.publisher, [], [], []))
         rows.append(moved.move)
         goals.append(named)
         ends.append(moved.robot_time)
-    return phases, found
+    return phases, moves
 
 
 def _robots(recording: Recording) -> dict[str, str]:
-    """The preset of each simulator that was recorded, by its name in the graph."""
+    """Presets of the recorded simulators, by their names in the graph."""
     nodes = recorded_nodes(recording.graph) if recording.graph else ()
-    simulators = [one for one in nodes if one.module == SIMULATOR]
-    found = {one.name: json.loads(bytes(one.params)).get("robot") for one in simulators}
-    return {name: robot for name, robot in found.items() if isinstance(robot, str)}
+    simulators = [node for node in nodes if node.module == SIMULATOR]
+    presets = {node.name: json.loads(bytes(node.params)).get("robot") for node in simulators}
+    return {name: robot for name, robot in presets.items() if isinstance(robot, str)}
 
 
 class FingerMoves(NamedTuple):
-    """What one finger did."""
+    """Moves of one finger."""
 
-    finger: int  # Its number, from 1
-    robot: str | None  # Preset by which its times were made, if the recording says so
-    moves: MoveGeometry  # In their order
-    phases: tuple[Phase, ...]  # What each move was for
-    ends: Floats  # Recorded robot time at the end of each move, (n,), s
+    finger: int  # its number, from 1
+    robot: str | None  # preset that its recorded times follow from, if known
+    moves: MoveGeometry  # in order
+    phases: tuple[Phase, ...]  # purpose of each move
+    ends: Floats  # (n,) recorded robot time at the end of each move [s]
 
 
 class RunMoves(NamedTuple):
-    """What all fingers did."""
+    """Moves of all fingers."""
 
-    path: Path  # The recording
-    fingers: tuple[FingerMoves, ...]  # By their numbers; at least one
-    closed: bool  # Whether the recording is complete
+    path: Path  # of the recording
+    fingers: tuple[FingerMoves, ...]  # by number; at least one
+    closed: bool  # whether the recording is complete
 
 
-def robot_time_text(costs: Costs) -> str:
-    """The figures of `palpate.tools.robot_time`."""
+def robot_time_text(costs: Costs, title_width: int = 12) -> str:
+    """Text of what `robot_time` returns; `title_width` of the first column [letters]."""
     fingers, closings = costs["fingers"], costs["closings"]
     counts = [counted(costs["touches"], "touch", "touches")]
     counts += [f"{counted(closings, 'closing')} of the hand"] if closings else []
     counts += [f"{fingers} fingers"] if fingers > 1 else []
-    lines = titled("read", f"{costs['recording']}: {', '.join(counts)}", width=TITLE_WIDTH)
-    lines += _recorded_lines(costs)
+    lines = titled("read", f"{costs['recording']}: {', '.join(counts)}", width=title_width)
+    for title, text in _recorded_rows(costs):
+        lines += titled(title, text, width=title_width)
     for name, cost in costs["robots"].items():
-        lines += ["", *_phase_table(name, cost), *_finger_lines(cost, costs["fingers"])]
+        lines += ["", *_phase_table(name, cost, title_width)]
+        for title, text in _finger_rows(cost, costs["fingers"]):
+            lines += titled(title, text, width=title_width)
     return "\n".join(lines)
 
 
-def _recorded_lines(costs: Costs) -> list[str]:
+def _recorded_rows(costs: Costs) -> Iterator[tuple[str, str]]:
     recorded = costs["recorded"]
-    told, warnings = f"{recorded['robot_time_s']:.1f} s", []
+    time, warnings = f"{recorded['robot_time_s']:.1f} s", []
     if recorded["agrees"] is None:
         warnings = ["which robot made that is not known, so it cannot be checked"]
     else:
-        told = f"{recorded['robot']}, {told}"
+        time = f"{recorded['robot']}, {time}"
     if recorded["agrees"]:
-        told += ": its moves add up to that"
+        time += ": its moves add up to that"
     elif recorded["agrees"] is False:
         warnings = [f"its moves miss that by {recorded['missing_s']:.3g} s: some are lost"]
     if not costs["complete"]:
         warnings.append("the recording was never closed: its end may be missing")
-    rows = [("recorded", told), *(("warning", text) for text in warnings)]
-    return [line for row in rows for line in titled(*row, width=TITLE_WIDTH)]
+    yield "recorded", time
+    yield from (("warning", text) for text in warnings)
 
 
-def _phase_table(name: str, cost: Mapping[str, Any]) -> list[str]:
-    """One robot: where its time goes, phase by phase; of several fingers, the slowest."""
-    phases = {phase: one for phase, one in cost["phases"].items() if one["moves"]}
+def _phase_table(name: str, cost: Mapping[str, Any], title_width: int) -> list[str]:
+    """Times of the parts of moves with a robot, for each phase; of the slowest finger."""
+    phases = {phase: part for phase, part in cost["phases"].items() if part["moves"]}
     rows = [(f"{name}, s", *phases, "all")]
     for part in (*PARTS, "total"):
-        rows.append((part, *(f"{one[f'{part}_s']:.1f}" for one in (*phases.values(), cost))))
-    moves = [one["moves"] for one in phases.values()]
+        rows.append((part, *(f"{times[f'{part}_s']:.1f}" for times in (*phases.values(), cost))))
+    moves = [part["moves"] for part in phases.values()]
     rows.append(("moves", *map(str, (*moves, sum(moves)))))
-    widths = (TITLE_WIDTH, *[8] * len(moves), 8)
+    widths = (title_width, *[8] * len(moves), 8)
     return text_table(rows, right=range(1, len(rows[0])), min_widths=widths)
 
 
-def _finger_lines(cost: Mapping[str, Any], fingers: int) -> list[str]:
-    rows = []
+def _finger_rows(cost: Mapping[str, Any], fingers: int) -> Iterator[tuple[str, str]]:
     if fingers > 1:
         totals = ", ".join(f"{number} {total:.1f} s" for number, total in cost["finger_s"].items())
-        rows.append(("fingers", f"{totals}; the table is of the slowest"))
+        yield "fingers", f"{totals}; the table is of the slowest"
     if cost["per_touch_s"] is not None:
-        rows.append(("a touch", f"{cost['per_touch_s']:.2f} s, all counted"))
-    return [line for row in rows for line in titled(*row, width=TITLE_WIDTH)]
+        yield "a touch", f"{cost['per_touch_s']:.2f} s, all counted"

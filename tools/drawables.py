@@ -1,9 +1,9 @@
-"""What is drawn of a run: messages as meshes, points, lines, fingers, images, numbers and texts.
+"""Drawables of a run: messages as meshes, points, lines, fingers, images, numbers and texts.
 
 The view, the report, the film and the exporters write these drawables in their own formats, with
-the names and colours of `LAYERS`. A drawable replaces what its path showed before, unless its layer
-accumulates. An object that was turned over is drawn as it lay at first, and fingers as they were
-to it: what is not known to lie anywhere yet is not drawn.
+the names and colours of `LAYERS`. A drawable replaces the earlier one of its path, unless its layer
+accumulates. Where the object was turned over, everything is drawn in its first pose; messages of a
+placement whose pose is not known yet are not drawn.
 """
 
 from __future__ import annotations
@@ -26,24 +26,35 @@ from palpate.nodes.specs.sensors import pad_of_info
 from palpate.tools.surfaces import TruthSurface
 
 Faces = NDArray[np.int32]
-LIFT = 0.0004  # Offset of what lies on the surface along its normal, so that it is not hidden [m]
-TAXEL_RADIUS, CONTACT_RADIUS, VOXEL_RADIUS, PLACE_RADIUS = 0.0004, 0.0009, 0.0006, 0.0015  # [m]
-SCALARS = {  # What is known of vertices; a mesh is coloured by the first that is
+SCALARS = {  # of vertices; the first that is known colours a mesh
     "deviation": "distance from the truth",
     "uncertainty": "stated standard deviation",
 }
-MILLIMETRES = 1000.0  # In a metre
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DrawnSizes:
+    """Sizes of what is drawn over a surface, the same in all views and files."""
+
+    lift: float = 0.0004  # [m] off the surface along its normal, so that the surface hides nothing
+    taxel_radius: float = 0.0004  # [m]
+    contact_radius: float = 0.0009  # [m] of a contact of the hand
+    voxel_radius: float = 0.0006  # [m] of a cell at a boundary of free or unknown space
+    place_radius: float = 0.0015  # [m] of the middle of an opening without touches
+
+
+SIZES = DrawnSizes()
 
 
 class Layer(NamedTuple):
-    """What is switched on and off together, and has one colour."""
+    """Drawables that are switched on and off together, and have one colour."""
 
-    label: str  # In legends
+    label: str  # in legends
     colour: str  # ``#rrggbb``
     hint: str
-    shown: bool = True  # At first, where layers can be chosen
+    shown: bool = True  # at first, where layers can be chosen
     opacity: float = 1.0
-    accumulates: bool = False  # Whether what came before stays
+    accumulates: bool = False  # whether a drawable leaves the earlier ones of its path in place
 
     @property
     def rgb(self) -> tuple[int, int, int]:
@@ -75,11 +86,14 @@ LAYERS: Mapping[str, Layer] = {
     "free": Layer(
         "free space",
         COLOURS["finger"],
-        "Boundary of what fingers have swept without touching anything.",
+        "Boundary of the space that fingers swept without touching anything.",
         shown=False,
     ),
     "unknown": Layer(
-        "unknown space", COLOURS["untouched"], "Boundary of what nothing is known of.", shown=False
+        "unknown space",
+        COLOURS["untouched"],
+        "Boundary of the space of which nothing is known.",
+        shown=False,
     ),
     "untouched": Layer(
         "unknown places", COLOURS["untouched"], "Largest openings that no touch has closed."
@@ -88,31 +102,31 @@ LAYERS: Mapping[str, Layer] = {
 
 
 class Mesh(NamedTuple):
-    """Triangles in the world frame, and what is known of the vertices."""
+    """Triangles in the world frame, and scalars of their vertices."""
 
     vertices: Floats  # (n, 3) [m]
     faces: Faces  # (m, 3)
-    uncertainty: Floats | None = None  # Standard deviation (n,) [m]
-    surface: TruthSurface | None = None  # From which the mesh deviates
+    uncertainty: Floats | None = None  # (n,) standard deviation [m]
+    surface: TruthSurface | None = None  # the true surface, for deviations
 
     @property
     def known(self) -> tuple[str, ...]:
-        """Names of what is known of the vertices."""
+        """Names of the scalars that are known."""
         known = {"deviation": self.surface, "uncertainty": self.uncertainty}
         return tuple(name for name, value in known.items() if value is not None)
 
     def scalars(self, name: str = "", kept: Any = slice(None)) -> dict[str, Floats]:
-        """What is known of the vertices that are kept (k,) [m], or of it the named scalar.
+        """Known scalars (k,) [m] of the `kept` vertices, by name; all of them without `name`.
 
-        What a mesh is coloured by comes first: its deviation from the truth, where that is known,
-        then the uncertainty that its model states, if it does.
+        The deviation from the truth comes first, then the uncertainty that the model states. The
+        first one colours the mesh.
         """
-        found = dict[str, Floats]()
+        scalars = dict[str, Floats]()
         if self.surface is not None and name in ("", "deviation"):
-            found["deviation"] = self.surface.deviations(self.vertices[kept])
+            scalars["deviation"] = self.surface.deviations(self.vertices[kept])
         if self.uncertainty is not None and name in ("", "uncertainty"):
-            found["uncertainty"] = np.asarray(self.uncertainty[kept])
-        return found
+            scalars["uncertainty"] = np.asarray(self.uncertainty[kept])
+        return scalars
 
 
 class Points(NamedTuple):
@@ -120,21 +134,21 @@ class Points(NamedTuple):
 
     points: Floats  # (n, 3) [m]
     radius: float  # [m]
-    normals: Floats = np.zeros(3)  # Outward (n, 3) or (3,); 0 where there is no surface
+    normals: Floats = np.zeros(3)  # (n, 3) or (3,), outward; 0 where there is no surface
 
     def lifted(self) -> Floats:
-        """The points (n, 3) before the surface on which they lie [m]."""
-        return self.points + LIFT * self.normals
+        """Points (n, 3) a little off the surface on which they lie [m]."""
+        return self.points + SIZES.lift * self.normals
 
 
 class Lines(NamedTuple):
     """Strips of points in the world frame."""
 
     strips: tuple[Floats, ...]  # (k, 3) each, k at least 2 [m]
-    normals: tuple[Floats, ...] = ()  # Outward, of each strip (k, 3); none: no surface
+    normals: tuple[Floats, ...] = ()  # (k, 3) of each strip, outward; empty without a surface
 
-    def pieces(self, lift: float = LIFT) -> Floats:
-        """Pieces (n, 2, 3) before the surface on which they lie [m]."""
+    def pieces(self, lift: float = SIZES.lift) -> Floats:
+        """Segments (n, 2, 3), `lift` [m] off the surface on which they lie."""
         normals = self.normals or (np.zeros(3),) * len(self.strips)
         lifted = [a + lift * b for a, b in zip(self.strips, normals, strict=True)]
         pieces = [np.stack([strip[:-1], strip[1:]], axis=1) for strip in lifted]
@@ -145,7 +159,7 @@ class Finger(NamedTuple):
     """A fingertip."""
 
     number: int
-    pose: Floats  # Of its pad (7,)
+    pose: Floats  # (7,) of its pad
     pad: Pad | None  # None before the sensor is known
 
 
@@ -159,7 +173,7 @@ class Number(NamedTuple):
     """A value of a curve against robot time; the unit stands in the path."""
 
     value: float
-    rgb: tuple[int, int, int]  # Colour of the curve, 0 to 255
+    rgb: tuple[int, int, int]  # of the curve, 0 to 255
 
 
 class Text(NamedTuple):
@@ -171,7 +185,7 @@ class Text(NamedTuple):
 
 
 class Nothing(NamedTuple):
-    """Takes away what its path showed."""
+    """Removes the drawable of its path."""
 
 
 Shape = Mesh | Points | Lines | Finger | Image | Number | Text | Nothing
@@ -180,10 +194,10 @@ Shape = Mesh | Points | Lines | Finger | Image | Number | Text | Nothing
 class Drawable(NamedTuple):
     """A shape, and where and when it is shown."""
 
-    path: str  # As ``contours/3``
+    path: str  # such as ``contours/3``
     shape: Shape
-    time: float | None = None  # Robot time from which on it is shown; None: always [s]
-    facts: Mapping[str, object] = {}  # About it, with units in the names
+    time: float | None = None  # robot time from which on it is shown [s]; None: always
+    facts: Mapping[str, object] = {}  # about it, with units in the names
 
     @property
     def layer(self) -> str:
@@ -193,17 +207,17 @@ class Drawable(NamedTuple):
 
 @dataclass(slots=True)
 class Known:
-    """What earlier messages say that later ones need: sensor, truth, models' times, placements."""
+    """Facts of earlier messages that drawing later ones needs."""
 
     pad: Pad | None = None
     taxel_stiffness: float = np.nan  # [N/m]
     surface: TruthSurface | None = None
-    times: dict[int, float] = field(default_factory=dict)  # Robot time of each model [s]
-    # Of the object in the world after each time that it was turned over, as far as models tell
+    times: dict[int, float] = field(default_factory=dict)  # robot time of each model [s]
+    # Poses of the object in the world after each time that it was turned over, stated by models.
     placements: tuple[Pose, ...] = ()
 
     def take(self, message: Any) -> None:
-        """Remember what a message says of others."""
+        """Remember the facts of a message."""
         if isinstance(message, types.SensorInfo):
             self.pad, self.taxel_stiffness = pad_of_info(message), message.taxel_stiffness
         elif isinstance(message, types.Truth):
@@ -213,21 +227,21 @@ class Known:
             if len(message.placements) > len(self.placements):
                 self.placements = tuple(map(Pose.from_array, message.placements))
 
-    def lies(self, placement: int) -> Pose | None:
-        """How the object lay in the world in a placement; None where no model has told of it."""
+    def object_pose(self, placement: int) -> Pose | None:
+        """Pose of the object in the world in a placement; None if no model has stated it yet."""
         if placement == 0:
             return Pose.from_array(IDENTITY_POSE)
         return self.placements[placement - 1] if placement <= len(self.placements) else None
 
 
 def drawables(message: Any, known: Known) -> list[Drawable]:
-    """What is drawn of a message; nothing of most. `known` is told of the message before."""
+    """Drawables of a message, none for most types. `known` has to `take` the message before."""
     draw = _DRAWN.get(type(message))
     return [] if draw is None else [*draw(message, known)]
 
 
 def _truth(truth: types.Truth, known: Known) -> Iterable[Drawable]:
-    # Coarser than what errors are measured from: it is there to be seen.
+    # The coarse mesh is enough to be seen; errors are measured from the fine one.
     mesh = Mesh(truth.floor_vertices, truth.floor_faces)
     yield Drawable("truth", mesh, None, {"height_m": truth.height})
 
@@ -264,46 +278,44 @@ def _lattice(control: Floats) -> Iterable[Floats]:
 
 
 def _contour(contour: types.Contour, known: Known) -> Iterable[Drawable]:
-    """Strips between the gaps, in which nothing could be touched."""
+    """Strips between the gaps, where nothing could be touched."""
     order = np.arange(len(contour.points))
     if contour.status == "closed":
         order = np.append(order, order[:1])
     gaps = {start.tobytes() for start in contour.gap_starts}
     cuts = [i for i, number in enumerate(order, 1) if contour.points[number].tobytes() in gaps]
     strips = [part for part in np.split(order, cuts) if len(part) > 1]
-    lines = Lines(
-        tuple(contour.points[one] for one in strips), tuple(contour.normals[one] for one in strips)
-    )
+    lines = Lines(*(tuple(rows[i] for i in strips) for rows in (contour.points, contour.normals)))
     facts = {"status": contour.status, "height_m": contour.height, "touches": contour.touches}
     yield Drawable(f"contours/{contour.id}", lines, contour.robot_time, facts)
 
 
 def _patch(patch: types.SurfacePatch, known: Known) -> Iterable[Drawable]:
-    lies = known.lies(patch.placement)
-    if len(patch.points) and lies is not None:
-        normals = patch.normals @ lies.axes
-        points = Points(lies.to_local(patch.points), TAXEL_RADIUS, normals)
+    object_pose = known.object_pose(patch.placement)
+    if len(patch.points) and object_pose is not None:
+        normals = patch.normals @ object_pose.axes
+        points = Points(object_pose.to_local(patch.points), SIZES.taxel_radius, normals)
         yield Drawable("touched", points, patch.robot_time)
 
 
 def _contacts(grasp: types.GraspContacts, known: Known) -> Iterable[Drawable]:
-    lies = known.lies(grasp.placement)
-    if len(grasp.points) and lies is not None:
-        points = Points(lies.to_local(grasp.points), CONTACT_RADIUS)
+    object_pose = known.object_pose(grasp.placement)
+    if len(grasp.points) and object_pose is not None:
+        points = Points(object_pose.to_local(grasp.points), SIZES.contact_radius)
         yield Drawable("touched", points, grasp.robot_time)
 
 
 def _frame(frame: types.TactileFrame, known: Known) -> Iterable[Drawable]:
-    lies = known.lies(frame.placement)
-    if lies is None:
+    object_pose = known.object_pose(frame.placement)
+    if object_pose is None:
         return
-    pose = lies.inverse() @ Pose.from_array(frame.pose)
+    pose = object_pose.inverse() @ Pose.from_array(frame.pose)
     finger = Finger(frame.finger, pose.array if frame.placement else frame.pose, known.pad)
     yield Drawable(f"finger/{frame.finger}", finger, frame.robot_time)
 
 
 def pad_size(pad: Pad) -> tuple[float, float, float]:
-    """Edges of the plate that stands for a pad [m]."""
+    """Edge lengths of the plate that is drawn for a pad [m]."""
     return pad.cols * pad.pitch, pad.rows * pad.pitch, pad.thickness
 
 
@@ -336,30 +348,30 @@ def _image(image: types.TactileImage, known: Known) -> Iterable[Drawable]:
 
 
 def _space(space: types.SpaceMap, known: Known) -> Iterable[Drawable]:
-    """Boundaries of what is free, and of the unknown towards it, at the time of their model."""
+    """Boundaries of free and of unknown space at the time of their model."""
     swept, seen = space.states == 1, space.states != 0
     free = swept & ~scipy.ndimage.binary_erosion(swept)
     unknown = ~seen & scipy.ndimage.binary_dilation(seen)
     for path, edge in (("free", free), ("unknown", unknown)):
         middles = np.asarray(space.low + space.step * np.argwhere(edge))
-        yield Drawable(path, Points(middles, VOXEL_RADIUS), known.times.get(space.number))
+        yield Drawable(path, Points(middles, SIZES.voxel_radius), known.times.get(space.number))
 
 
 def _done(done: types.PlanDone, known: Known) -> Iterable[Drawable]:
     if len(done.open_places):
         normals = done.open_normals if len(done.open_normals) else np.zeros(3)
-        places = Points(done.open_places, PLACE_RADIUS, normals)
+        places = Points(done.open_places, SIZES.place_radius, normals)
         yield Drawable("untouched", places, done.robot_time)
 
 
 def _score(score: types.Score, known: Known) -> Iterable[Drawable]:
-    error = Number(MILLIMETRES * score.rms, rgb("error"))
+    error = Number(1e3 * score.rms, rgb("error"))
     yield Drawable("error_mm/rms", error, score.robot_time)
 
 
 def _estimate(estimate: types.PlanEstimate, known: Known) -> Iterable[Drawable]:
     if estimate.rms_bound_95 is not None:
-        bound = Number(MILLIMETRES * estimate.rms_bound_95, rgb("bound"))
+        bound = Number(1e3 * estimate.rms_bound_95, rgb("bound"))
         yield Drawable("error_mm/bound_95", bound, estimate.robot_time)
 
 
@@ -382,6 +394,6 @@ _DRAWN: Mapping[type, Callable[[Any, Known], Iterable[Drawable]]] = {
     types.PlanEstimate: _estimate,
     types.LogRecord: _log,
 }
-# Names of types that say something of others: they are read though their topics are not wanted.
+# Names of types that `Known` takes facts from; they are read even if their topics are not chosen.
 TYPES_NEEDED = frozenset({"SensorInfo", "ShapeModel", "Truth"})
 TYPES_DRAWN = TYPES_NEEDED | {kind.__name__ for kind in _DRAWN}

@@ -1,4 +1,4 @@
-"""An exploration from beginning to end, for Python and for the command line, and its report."""
+"""A whole exploration with its report, for Python and for the command line."""
 
 from __future__ import annotations
 
@@ -29,13 +29,6 @@ if TYPE_CHECKING:
     from palpate.core.rebuild import HasTriangles
 
     ObjectScene: TypeAlias = tuple[ArrayLike, ArrayLike] | HasTriangles
-
-
-# Arguments of the launch file by the options that give them.
-ARGUMENTS = {
-    "seed": "seed",
-    "fingers": "fingers",
-}
 
 
 def explore(
@@ -70,72 +63,69 @@ def explore(
     Parameters
     ----------
     scene : str, Path, map or mesh
-        Name of a shipped scene, path of a scene file or of a mesh, what a scene file holds as a
-        dict, or a mesh: vertices (n, 3) and faces (m, 3), or an object that has both, as trimesh's.
+        Name of a shipped scene, path of a scene file or of a mesh, contents of a scene file as a
+        dict, or a mesh: vertices (n, 3) and faces (m, 3), or an object with both, as of trimesh.
     tolerance, feature : str or float, optional
-        Error asked for, and largest height that may stay untouched: ``"0.2mm"``, or in m.
+        Demanded error, and largest height that may stay untouched: ``"0.2mm"``, or a number [m].
     budget : str or float, optional
-        Robot time that may pass: ``"300s"``, ``"5min"``, or in s.
+        Largest robot time: ``"300s"``, ``"5min"``, or a number [s].
     touches : int, optional
-        Touches that may be made.
+        Largest number of touches.
     underside : str, optional
-        What the object stands on: flat, as which it is taken, or known, for which it is turned
-        over.
+        ``"flat"``: the underside is assumed to be flat; ``"known"``: it is touched after turning
+        the object over.
     turns : int, optional
-        Times that the object may be set down on another side, 0 to 8, where that pays; 1 if left
-        out.
+        Largest number of times that the object is set down on another side where this pays, 0 to
+        8; default 1.
     quality : str, optional
         Of the final mesh: draft, normal or fine.
     fingers : int, optional
-        So many explore at once, 1 to 8; one if left out.
+        Number of fingers that explore at once, 1 to 8; default 1.
     procedure : str, optional
         An exploratory procedure instead of slices: containment, planar, follower, fearing or
         openings.
     system : str, optional
-        Whose parts explore: palpate, which is the default, or thesis.
+        Nodes of palpate, the default, or of the thesis.
     unit, up : str, optional
-        Of a mesh: the unit of its coordinates (m, cm, mm, um, in, ft), and its axis that points up.
+        Unit of the coordinates of a mesh (m, cm, mm, um, in, ft), and its axis that points up.
     size : str or float, optional
-        Of a mesh: its largest extent, to which it is scaled: ``"80mm"``, or in m.
+        Largest extent to which a mesh is scaled: ``"80mm"``, or a number [m].
     pose : str or sequence of 3 or 7 floats, optional
-        Where the object stands, m, and its rotation as a quaternion x, y, z, w.
+        Position of the object [m], and its rotation as a quaternion x, y, z, w.
     noise : str, optional
         Of finger and taxels: none, low, default or high.
     seed : int, optional
-        Overrides the scene's seed.
+        Overrides the seed of the scene.
     settings : map, optional
-        ``{"planner.tolerance": 0.1e-3}``: parameters of single nodes.
+        Parameters of single nodes: ``{"planner.tolerance": 0.1e-3}``.
     out : str or Path, optional
-        The run directory; a new one in ``runs/`` if left out.
+        Run directory; default: a new one in ``runs/``.
     composed : bool
-        All nodes in this process instead of one process each; the results are the same.
+        Whether all nodes run in this process instead of one process each, with the same results.
     record : bool
-        Keep every message in ``topics.mcap``.
+        Whether all messages are recorded in ``topics.mcap``.
     realtime : bool
-        Robot time passes as fast as time, so that the run can be watched.
+        Whether robot time passes as fast as the clock, so that the run can be watched.
     progress : bool
-        Show a bar where a terminal or a notebook can; elsewhere nothing is shown.
+        Whether a terminal or a notebook shows a bar; elsewhere nothing is shown.
     quiet : bool, optional
-        In place of `progress`: False writes lines where no bar can be shown.
+        Replaces `progress`: with False, lines are written where no bar can be shown.
 
     Returns
     -------
     Run
-        The figures, the last model, and where the files lie.
+        Figures, the last model, and the paths of the files.
 
     Raises
     ------
     InputError
-        A ValueError of one sentence, in the words of the command line, if the scene or an option
-        cannot be used; nothing has been started.
+        A ValueError in the words of the command line, if the scene or an option is invalid; nothing
+        has been started then.
     """
     file = find_exploration(procedure, system)
     if not composed:
         prestart_fork_server(file)
-    if quiet is None:
-        display = open_display(quiet=not progress, lines=False)
-    else:
-        display = open_display(quiet=quiet)
+    display = _display(progress, quiet)
     with _scene_file(scene) as path:
         plan = plan_exploration(
             path,
@@ -153,7 +143,7 @@ def explore(
             unit=unit,
             up=up,
             size=_quantity(size, "m"),
-            pose=pose if pose is None or isinstance(pose, str) else ",".join(map(str, pose)),
+            pose=_pose_text(pose),
             noise=noise,
             seed=seed,
             out=None if out is None else Path(out),
@@ -185,44 +175,56 @@ def plan_exploration(
     record: bool = True,
     realtime: bool = False,
     untrusted: bool = False,
-    **arguments: Any,
+    fingers: int | None = None,
+    seed: int | None = None,
 ) -> Plan:
-    """The plan of ``palpate run``, given its options as their texts; `arguments`: see `ARGUMENTS`.
+    """The plan of ``palpate run`` with its options as texts.
 
-    Raises InputError if the scene or an option cannot be used; nothing has been started.
+    Raises InputError if the scene or an option is invalid; nothing has been started then.
     """
     if untrusted:
         load_scene(scene, untrusted=True)
-    args = {"scene": SourceMapped(str(scene), "")}
-    for option, name, value in (
+    arguments = _arguments(
+        ("", "scene", str(scene)),
         ("--no-record", "record", record),
-        *((f"--{key}", ARGUMENTS[key], value) for key, value in arguments.items()),
+        ("--seed", "seed", seed),
+        ("--fingers", "fingers", fingers),
         *read_mesh_setup(scene, unit, size, up),
         *read_setup(pose, noise),
-    ):
-        if value is not None:
-            args[name] = SourceMapped(value, option)
-    demand = read_demand(tolerance, feature, budget, touches, underside, quality, procedure, turns)
-    return plan_run(
-        find_exploration(procedure, system),
-        args,
-        {**settings, **demand},
-        name=scene.stem,
-        out=out,
-        realtime=realtime,
     )
+    demand = read_demand(tolerance, feature, budget, touches, underside, quality, procedure, turns)
+    parameters, file = {**settings, **demand}, find_exploration(procedure, system)
+    return plan_run(file, arguments, parameters, name=scene.stem, out=out, realtime=realtime)
+
+
+def _arguments(*options: tuple[str, str, Any]) -> dict[str, SourceMapped]:
+    """Arguments of the launch file from options, names and values; None is left out."""
+    present = (option for option in options if option[2] is not None)
+    return {name: SourceMapped(value, option) for option, name, value in present}
+
+
+def _display(progress: bool, quiet: bool | None) -> Display:
+    """Display of `explore`: `quiet` replaces `progress`, and allows lines where no bar can be."""
+    if quiet is None:
+        return open_display(quiet=not progress, lines=False)
+    return open_display(quiet=quiet)
 
 
 def _quantity(value: str | float | None, unit: str) -> str | None:
-    """A number in a unit as the text that the command line takes; texts as they are."""
+    """A number in a unit as the text that the command line takes; texts are kept."""
     return value if value is None or isinstance(value, str) else f"{float(value)!r}{unit}"
+
+
+def _pose_text(pose: str | Sequence[float] | None) -> str | None:
+    """A pose as the text that the command line takes; texts are kept."""
+    return pose if pose is None or isinstance(pose, str) else ",".join(map(str, pose))
 
 
 @contextmanager
 def _scene_file(scene: str | Path | Mapping[str, Any] | ObjectScene) -> Iterator[Path]:
-    """The file of a scene; of what is none, one that exists until the context ends.
+    """File of a scene; a dict or a mesh is written to one that exists until the context ends.
 
-    Raises InputError if there is no such scene, or it is not what can be written into a file.
+    Raises InputError if there is no such scene, or it cannot be written into a file.
     """
     if isinstance(scene, str | Path):
         yield find_scene(scene)
@@ -233,22 +235,27 @@ def _scene_file(scene: str | Path | Mapping[str, Any] | ObjectScene) -> Iterator
             path.write_text(yaml_text(_own_files(scene, Path(folder))), encoding="utf-8")
         else:
             path = Path(folder) / "object.ply"
-            vertices, faces = scene if isinstance(scene, tuple) else (scene.vertices, scene.faces)
-            from palpate.core.rebuild import MeshSolid  # heavy, and not needed by the command line
-
-            with as_input_errors():
-                mesh = MeshSolid(np.asarray(vertices), np.asarray(faces))
-            write_mesh(path, mesh.vertices, mesh.faces)
+            _write_object(scene, path)
         try:
             yield path
         except InputError as error:
             raise InputError(str(error).replace(str(path), path.stem)) from None
 
 
-def _own_files(scene: Mapping[str, Any], folder: Path) -> Any:
-    """A scene as plain values, with the files that it names copied into its folder.
+def _write_object(scene: ObjectScene, path: Path) -> None:
+    """Write a mesh from memory into a file; raises InputError if it is not a valid one."""
+    from palpate.core.rebuild import MeshSolid  # slow to import, and not needed by the command line
 
-    Raises InputError if it holds anything but maps, lists, arrays, texts and numbers.
+    vertices, faces = scene if isinstance(scene, tuple) else (scene.vertices, scene.faces)
+    with as_input_errors():
+        mesh = MeshSolid(np.asarray(vertices), np.asarray(faces))
+    write_mesh(path, mesh.vertices, mesh.faces)
+
+
+def _own_files(scene: Mapping[str, Any], folder: Path) -> Any:
+    """A scene as plain values; files that it names are copied into the folder.
+
+    Raises InputError if it has other values than maps, lists, arrays, texts and numbers.
     """
     try:
         plain = json.loads(json.dumps(scene, default=lambda value: value.tolist()))
@@ -276,8 +283,8 @@ def perform_and_print(
 ) -> int:
     """Perform a plan and print its result, or ``summary.json``; returns the exit code.
 
-    What is asked, and what it is expected to cost, is told before it begins. The result comes last,
-    so that it stays in sight; `verbose`: all figures before it; `view`: it is shown in the browser.
+    The demand and its expected cost are printed before the run, and the result last. `verbose`:
+    all figures are printed before the result; `view`: the run is shown in the browser.
     """
     silent, say = quiet or as_json, partial(click.echo, err=True)
     if view and composed:
@@ -313,7 +320,7 @@ def _perform_and_print(
 
 
 def _perform(plan: Plan, *, composed: bool, display: Display) -> Run:
-    """Perform a plan, and write its report; one that cannot be written is no fault of the run."""
+    """Perform a plan and write its report; a report that cannot be written only gives a message."""
     done = perform(plan, composed=composed, display=display)
     from palpate.tools.report.page import REPORT, write_report
 

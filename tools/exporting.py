@@ -1,4 +1,4 @@
-"""The final solid of a run in the formats of other programs, with how good it is at each vertex."""
+"""The final solid of a run in the formats of other programs, with the scalars of its vertices."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ from palpate.tools.surfaces import TruthSurface, vertex_colours
 
 
 def export(run: Path, outs: Sequence[Path]) -> dict[str, Any]:
-    """Write the solid that a run ended with into each file, as its ending says, or none of them.
+    """Write the final solid of a run into files, in the formats of their suffixes.
 
-    `run` is the directory of a run or a recording. Returns what was written, by stable names with
-    the unit in them. Raises InputError if an ending is unknown, a file cannot be written, or there
-    is no solid.
+    `run` is the directory of a run or a recording. All files are written or none. Returns facts of
+    what was written, by stable names with their units. Raises InputError if a suffix is unknown, a
+    file cannot be written, or there is no solid.
     """
     check_suffixes(outs, tuple(MESH_UNITS))
     check_places(run, outs)
@@ -66,16 +66,16 @@ def export_solid(solid: Solid, path: Path) -> None:
 
 
 class FinalSolid(NamedTuple):
-    """What a run ended with; world frame, m."""
+    """The last solid of a run in the world frame."""
 
-    vertices: Floats  # (n, 3)
+    vertices: Floats  # (n, 3) [m]
     faces: NDArray[np.int32]  # (m, 3)
-    scalars: Mapping[str, Floats]  # As of `Mesh.scalars`
-    final: bool | None  # Whether it had come to its end; None where nobody tells
+    scalars: Mapping[str, Floats]  # as of `Mesh.scalars`
+    final: bool | None  # whether the run had ended; None if unknown
 
 
 def read_final(run: Path) -> FinalSolid:
-    """The last model of a recording; of a run without one its mesh, of which no more is known.
+    """The last model of a recording, or the mesh without scalars of a run without a recording.
 
     Raises InputError if there is neither, or nothing could be rebuilt.
     """
@@ -85,7 +85,7 @@ def read_final(run: Path) -> FinalSolid:
     source = open_decoded(run)
     kinds = {topic: kind for topic, (kind, _) in source.recording.types.items()}
     wanted = [topic for topic in source.topics if kinds[topic] in ("ShapeModel", "Truth")]
-    last = {type(one.message): one.message for one in source.published(wanted)}
+    last = {type(decoded.message): decoded.message for decoded in source.published(wanted)}
     model, truth = last.get(ShapeModel), last.get(Truth)
     if model is None or not len(model.faces):
         raise InputError(f"{run}: holds no rebuilt solid: no model in it has a surface")
@@ -93,16 +93,16 @@ def read_final(run: Path) -> FinalSolid:
     return FinalSolid(model.vertices, model.faces, scalars, model.final)
 
 
-def export_text(told: Mapping[str, Any]) -> str:
-    """What was written, as lines; lengths in mm."""
-    late = "; the run had not come to its end" if told["final"] is False else ""
-    size = f"{counted(told['faces'], 'triangle')}, {told['vertices']} vertices{late}"
+def export_text(facts: Mapping[str, Any]) -> str:
+    """Lines about what `export` wrote, with lengths in mm."""
+    late = "; the run had not come to its end" if facts["final"] is False else ""
+    size = f"{counted(facts['faces'], 'triangle')}, {facts['vertices']} vertices{late}"
     lines = titled("solid", size)
-    parts = [f"{name} {millimetres(value)}" for name, value in told["rms_m"].items()]
+    parts = [f"{name} {millimetres(value)}" for name, value in facts["rms_m"].items()]
     if parts:
         lines += titled("rms", *parts)
-        end = millimetres(told["colours_end_m"])
-        lines += titled("colours", f"of PLY: {told['coloured_by']} from 0 to {end}")
-    for one in told["written"]:
-        lines += titled("wrote", f"{one['file']} ({one['holds']})")
+        end = millimetres(facts["colours_end_m"])
+        lines += titled("colours", f"of PLY: {facts['coloured_by']} from 0 to {end}")
+    for written in facts["written"]:
+        lines += titled("wrote", f"{written['file']} ({written['holds']})")
     return "\n".join(lines)

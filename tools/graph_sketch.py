@@ -1,19 +1,19 @@
-"""The wiring of a graph as it is drawn: its boxes, its wires, and both as text for other programs.
+"""The boxes and wires of a drawn graph, and both as text for other programs.
 
-Nodes of the same kind, one for each finger, are one stack. Who receives everything has no wires.
+Nodes of the same kind, one for each finger, are one stack. Sinks, which subscribe to all topics,
+have no wires.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from palpate.launch.graph import Graph, ResolvedNode, plain_params, resolve_nodes
 from palpate.nodes.runtime.node import Node, Sink, Wiring
 
-MAX_PARAM_LETTERS = 400  # Of the parameters in a title
 TIMES = "\N{MULTIPLICATION SIGN}"
 
 
@@ -21,14 +21,14 @@ TIMES = "\N{MULTIPLICATION SIGN}"
 class Box:
     """A node, or the nodes of several fingers."""
 
-    text: str  # What it is called
-    title: str  # Names, modules and parameters
-    count: int = 1  # How many nodes it stands for
-    ends: bool = False  # Whether its Finished ends the graph
+    text: str  # name
+    title: str  # names, modules and parameters, for a tooltip
+    count: int = 1  # of nodes
+    ends: bool = False  # whether its Finished ends the graph
 
     @property
     def name(self) -> str:
-        """Its name, and how many there are."""
+        """Name and number of nodes."""
         return self.text if self.count == 1 else f"{self.text} {TIMES} {self.count}"
 
 
@@ -36,94 +36,101 @@ class Box:
 class Wire:
     """Topics that go from one box to others."""
 
-    source: int  # Index of the box that publishes them
-    targets: tuple[int, ...]  # Boxes that subscribe, once each; none if only sinks do
-    labels: tuple[str, ...]  # One for each topic
-    title: str  # Topics, types, publishers and subscribers
-    latched: bool = False  # Whether somebody waits for it before anything else
+    source: int  # index of the box that publishes them
+    targets: tuple[int, ...]  # boxes that subscribe, once each; empty if only sinks do
+    labels: tuple[str, ...]  # one for each topic
+    title: str  # topics, types, publishers and subscribers, for a tooltip
+    latched: bool = False  # whether a node waits for it before other topics
 
 
 class Sketch(NamedTuple):
-    """A graph, ready to be laid out."""
+    """A graph as boxes and wires."""
 
-    boxes: tuple[Box, ...]  # In the order of the launch file, without sinks
-    wires: tuple[Wire, ...]  # Each with one source
-    sinks: tuple[Box, ...]  # Who subscribes to every topic
+    boxes: tuple[Box, ...]  # in the order of the launch file, without sinks
+    wires: tuple[Wire, ...]  # each with one source
+    sinks: tuple[Box, ...]  # nodes that subscribe to every topic
 
     def labels(self) -> list[tuple[Box, str]]:
-        """What stands in each box, those of the sinks last."""
+        """Boxes with their texts, those of the sinks last."""
         sinks = ((sink, f"{sink.name}: subscribes to every topic") for sink in self.sinks)
         return [*((box, box.name) for box in self.boxes), *sinks]
 
 
 def sketch_of(graph: Graph) -> Sketch:
-    """What is to be drawn of a graph; raises InputError if it could not run."""
+    """Boxes and wires of a graph; raises InputError if it could not run."""
     wirings = {wiring.name: wiring for wiring in graph.wirings()}
-    types = {topic: cls.__name__ for topic, cls in graph.topics().items()}
     stacks: dict[tuple[str, str], list[ResolvedNode]] = {}
     sinks, latched = [], set[str]()
-    for one in resolve_nodes(graph.entries):
-        if isinstance(one.node, Sink):
-            sinks.append(_box([one], graph.ends))
+    for resolved in resolve_nodes(graph.entries):
+        entry, node = resolved.entry, resolved.node
+        if isinstance(node, Sink):
+            sinks.append(_box([resolved], graph.ends))
             continue
-        stacks.setdefault((one.entry.group, one.entry.module), []).append(one)
-        needs = one.node.needs if isinstance(one.node, Node) else ()
-        inputs = wirings[one.entry.name].inputs
-        latched |= {edge.topic for edge in inputs if edge.local in needs}
-    box_of = {one.entry.name: i for i, stack in enumerate(stacks.values()) for one in stack}
-    wires = []
-    for source, stack in enumerate(stacks.values()):
-        alike: dict[str, list[tuple[Wiring, str]]] = {}  # What the nodes of a stack call the same
-        for one in stack:
-            wiring = wirings[one.entry.name]
+        stacks.setdefault((entry.group, entry.module), []).append(resolved)
+        needs = node.needs if isinstance(node, Node) else ()
+        latched |= {edge.topic for edge in wirings[entry.name].inputs if edge.local in needs}
+    boxes = tuple(_box(stack, graph.ends) for stack in stacks.values())
+    names = [[node.entry.name for node in stack] for stack in stacks.values()]
+    types = {topic: cls.__name__ for topic, cls in graph.topics().items()}
+    return Sketch(boxes, tuple(_wires(names, wirings, types, latched)), tuple(sinks))
+
+
+def _wires(
+    stacks: Sequence[Sequence[str]],
+    wirings: Mapping[str, Wiring],
+    types: Mapping[str, str],
+    latched: Container[str],
+) -> Iterator[Wire]:
+    """Wires from stacks of nodes, named by their nodes; `latched`: topics that a node waits for."""
+    box_of = {name: i for i, stack in enumerate(stacks) for name in stack}
+    for source, stack in enumerate(stacks):
+        by_local: dict[str, list[tuple[Wiring, str]]] = {}
+        for wiring in (wirings[name] for name in stack):
             for local, topic in wiring.outputs.items():
-                alike.setdefault(local, []).append((wiring, topic))
-        for local, topics in alike.items():
-            told, targets = [], set[int]()
+                by_local.setdefault(local, []).append((wiring, topic))
+        for local, topics in by_local.items():
+            lines, targets = [], set[int]()
             for wiring, topic in topics:
                 to = wiring.subscribers[topic]
-                told.append(
-                    f"{topic}: {types[topic]}, {wiring.name} to {', '.join(to) or 'nobody'}"
-                )
+                link = f"{wiring.name} to {', '.join(to) or 'no node'}"
+                lines.append(f"{topic}: {types[topic]}, {link}")
                 targets |= {box_of[name] for name in to if name in box_of}
-            wire = Wire(
+            yield Wire(
                 source=source,
                 targets=tuple(sorted(targets)),
                 labels=(topics[0][1] if len(topics) == 1 else f"{local} {TIMES} {len(topics)}",),
-                title="\n".join(told),
+                title="\n".join(lines),
                 latched=any(topic in latched for _, topic in topics),
             )
-            wires.append(wire)
-    boxes = tuple(_box(stack, graph.ends) for stack in stacks.values())
-    return Sketch(boxes, tuple(wires), tuple(sinks))
 
 
-def _box(stack: Sequence[ResolvedNode], ends: str) -> Box:
+def _box(stack: Sequence[ResolvedNode], ends: str, max_letters: int = 400) -> Box:
+    """Box of a stack of nodes; `max_letters` of the parameters of a node in the tooltip."""
     lines = []
-    for one in stack:
-        params = json.dumps(plain_params(one.params), ensure_ascii=False)
-        if len(params) > MAX_PARAM_LETTERS:
-            params = params[:MAX_PARAM_LETTERS] + " ..."
-        lines.append(f"{one.entry.name}: {one.entry.module} {params}")
+    for node in stack:
+        params = json.dumps(plain_params(node.params), ensure_ascii=False)
+        if len(params) > max_letters:
+            params = params[:max_letters] + " ..."
+        lines.append(f"{node.entry.name}: {node.entry.module} {params}")
     first = stack[0].entry
     return Box(
         text=first.group if len(stack) > 1 else first.name,
         title="\n".join(lines),
         count=len(stack),
-        ends=any(one.entry.name == ends for one in stack),
+        ends=any(node.entry.name == ends for node in stack),
     )
 
 
 def joined(wires: Iterable[Wire]) -> tuple[Wire, ...]:
-    """Wires between the same boxes as one."""
-    found: dict[object, Wire] = {}
+    """Wires, those between the same boxes as one."""
+    merged: dict[object, Wire] = {}
     for wire in wires:
         key = (wire.source, wire.targets, wire.latched)
-        if known := found.get(key):
+        if known := merged.get(key):
             labels, title = known.labels + wire.labels, f"{known.title}\n{wire.title}"
             wire = replace(known, labels=labels, title=title)
-        found[key] = wire
-    return tuple(found.values())
+        merged[key] = wire
+    return tuple(merged.values())
 
 
 def mermaid_text(sketch: Sketch) -> str:
@@ -158,7 +165,7 @@ def dot_text(sketch: Sketch) -> str:
 
 
 def _arrows(sketch: Sketch) -> Iterator[tuple[str, Wire]]:
-    """To which node an arrow goes; a topic that only sinks receive goes nowhere."""
+    """Arrows by the name of their target; a topic that only sinks receive leads to a point."""
     for number, wire in enumerate(joined(sketch.wires)):
         for target in [f"n{target}" for target in wire.targets] or [f"nowhere{number}"]:
             yield target, wire

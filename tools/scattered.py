@@ -1,8 +1,9 @@
-"""From a file of points with normals, in no order, to a solid of any shape: `rebuild_general`."""
+"""A solid of any shape from a file of points with normals in any order: `rebuild_general`."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -29,31 +30,43 @@ from palpate.tools.reconstruction import (
     written_files,
 )
 
-FAR = 5.0e-3  # From every point: what of the surface lies farther is made up, m
-MOST_FAR = 0.01  # Of the surface: more of that is worth a warning
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CoverageLimits:
+    """How much of a surface may lie far from all points without a warning."""
+
+    max_distance: float = 5.0e-3  # [m] from the nearest point; beyond it the surface is a guess
+    max_far_share: float = 0.01  # of the area
+
+
+DEFAULT_COVERAGE = CoverageLimits()
 
 
 def rebuild_scattered(
-    points: Path, wanted: RebuildOptions, outs: Sequence[Path], say: ProgressText
+    points: Path,
+    wanted: RebuildOptions,
+    outs: Sequence[Path],
+    say: ProgressText,
+    limits: CoverageLimits = DEFAULT_COVERAGE,
 ) -> dict[str, Any]:
-    """Rebuild, write the files, and return what is told, by the names of a rebuilt solid's record.
+    """Rebuild a solid, write the files, and return the record with the names of `rebuild_record`.
 
-    Raises InputError if a file cannot be read or written, the points have no normals, or no solid
-    can be made of them: the sentence says why.
+    `say` is called with each step. Raises InputError if a file cannot be read or written, the
+    points have no normals, or no solid can be made of them.
     """
     for name in ("tops", "top", "tolerance"):
         if getattr(wanted, name) is not None:
             raise InputError(f"--{name} is of no use with --method general")
     say("reading the points")
-    found = _read(points, wanted)
-    say(f"rebuilding from {len(found.contacts.points)} points")
-    pose = None if wanted.noise is None else found.metres * wanted.noise
-    given = {"platform": found.platform, "pose": pose}
-    options: dict[str, Any] = {k: v for k, v in given.items() if v is not None}
-    notes = list(found.notes)
+    read = _read(points, wanted)
+    say(f"rebuilding from {len(read.contacts.points)} points")
+    pose = None if wanted.noise is None else read.metres * wanted.noise
+    known = {"platform": read.platform, "pose": pose}
+    options: dict[str, Any] = {name: v for name, v in known.items() if v is not None}
+    notes = list(read.notes)
     try:
         with single_threaded():
-            contacts, turned = oriented(checked_contacts(found.contacts))
+            contacts, turned = oriented(checked_contacts(read.contacts))
             if turned:
                 notes.append(
                     f"turned the normals of {counted(turned, 'point')}: they pointed inwards"
@@ -64,26 +77,28 @@ def rebuild_scattered(
     except ValueError as error:
         raise InputError(f"{points}: {str(error).replace('patches', 'points')}") from None
     write_atomically(solid_writers(solid, mesh, outs))
-    told = {"points": str(points), "unit": found.unit, "unit_assumed": found.assumed}
     return {
-        **{**told, "notes": notes},
-        **_record(solid, mesh, found.unit),
+        "points": str(points),
+        "unit": read.unit,
+        "unit_assumed": read.assumed,
+        "notes": notes,
+        **_record(solid, mesh, read.unit, limits),
         "written": written_files(outs),
     }
 
 
-class _Found(NamedTuple):
-    """Points with normals, in m, and how they were read."""
+class _ReadPoints(NamedTuple):
+    """Points with normals, and how they were read."""
 
-    contacts: ContactPoints
-    platform: float | None  # Height on which the object stands
+    contacts: ContactPoints  # [m]
+    platform: float | None  # height on which the object stands [m]
     unit: str
-    metres: float  # Of that unit
-    assumed: bool  # Nobody said which unit it is
+    metres: float  # in that unit
+    assumed: bool  # whether the unit was not stated
     notes: tuple[str, ...]
 
 
-def _read(points: Path, wanted: RebuildOptions) -> _Found:
+def _read(points: Path, wanted: RebuildOptions) -> _ReadPoints:
     unit, metres = wanted.unit or "m", METRES_PER_UNIT[wanted.unit or "m"]
     bottom = None if wanted.bottom is None else metres * wanted.bottom
     if points.is_dir() or points.suffix.lower() == RECORDING_SUFFIX:
@@ -92,24 +107,25 @@ def _read(points: Path, wanted: RebuildOptions) -> _Found:
         touches = counted(int(taxels.touch.max()) + 1, "touch", "touches")
         notes = (f"{len(taxels.points)} taxels of {touches}",)
         standing = platform if bottom is None else bottom
-        return _Found(taxels, standing, unit, metres, False, notes)
-    contacts, told = read_oriented(points)
+        return _ReadPoints(taxels, standing, unit, metres, False, notes)
+    contacts, read_notes = read_oriented(points)
     contacts = contacts._replace(points=metres * contacts.points)
-    return _Found(contacts, bottom, unit, metres, wanted.unit is None, told)
+    return _ReadPoints(contacts, bottom, unit, metres, wanted.unit is None, read_notes)
 
 
-def _record(solid: GeneralSolid, mesh: Mesh, unit: str) -> dict[str, Any]:
+def _record(solid: GeneralSolid, mesh: Mesh, unit: str, limits: CoverageLimits) -> dict[str, Any]:
     shape = solidity(mesh.vertices, mesh.faces)
     areas = areas_and_normals(mesh.vertices[mesh.faces])[0]
     _, bounds = solid.expected_errors(mesh.vertices)
-    far = touch_distances(solid.contacts, mesh.vertices[mesh.faces].mean(axis=1)) > FAR
+    distances = touch_distances(solid.contacts, mesh.vertices[mesh.faces].mean(axis=1))
+    far = distances > limits.max_distance
     share = float(areas[far].sum() / areas.sum())
     squares = np.square(bounds[mesh.faces]).mean(axis=1)
     warnings = size_warnings(mesh.vertices, unit)
-    if share > MOST_FAR:
+    if share > limits.max_far_share:
         warnings.append(
-            f"{share:.0%} of the surface lies over {1e3 * FAR:.0f} mm from any point: what is "
-            "there is made up"
+            f"{share:.0%} of the surface lies over {1e3 * limits.max_distance:.0f} mm from any "
+            "point: it is a guess there"
         )
     return {
         "method": "general",

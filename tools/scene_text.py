@@ -1,4 +1,4 @@
-"""What people are told of a scene before it is explored, and of the effects that there are."""
+"""Descriptions of a scene before it is explored, and of the available effects."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ from palpate.nodes.specs.sensors import SensorSpec, describe_effects
 def check_scene(
     scene: str, *, unit: str | None = None, size: str | None = None, untrusted: bool = False
 ) -> Scene:
-    """The scene, which can be explored; else raises InputError.
+    """Load a scene; raises InputError if it cannot be explored.
 
-    `unit` or `size`, as ``120mm``: of a mesh file, how large it is.
+    `unit` of the coordinates of a mesh file, or its `size`, such as ``120mm``.
     """
     path = find_scene(scene)
     if untrusted:
@@ -39,7 +39,7 @@ def check_scene(
 
 
 def scene_figures(scene: Scene) -> dict[str, Any]:
-    """A scene: its file, the object's size, m, what was guessed of a mesh, sensor and effects."""
+    """Facts of a scene: file, size of the object [m], guesses about a mesh, sensor and effects."""
     effects = describe_effects(scene.spec.effects).items()
     return {
         "scene": str(scene.path),
@@ -54,7 +54,7 @@ def scene_figures(scene: Scene) -> dict[str, Any]:
 
 
 def scene_text(scene: Scene) -> str:
-    """That a scene can be explored, its size, and what is simulated."""
+    """Lines about a scene that can be explored: its size, and what is simulated."""
     size = " x ".join(f"{1000.0 * side:.1f}" for side in scene.size)
     measures = f"can be explored; the object measures {size} mm"
     lines = titled("scene", str(scene.path), measures)
@@ -73,8 +73,7 @@ def simulation_text(scene: SceneSpec) -> str:
     width = max(len(name) for name in effects)
     for name, effect in effects.items():
         head = f"  {effect.phase.name.lower():<7} {name:<{width}}  "
-        told = titled(head, effect_parameters(effect), width=len(head))
-        lines += map(str.rstrip, told)
+        lines += map(str.rstrip, titled(head, effect_parameters(effect), width=len(head)))
     return "\n".join(lines)
 
 
@@ -95,21 +94,21 @@ def _mm(metres: float) -> str:
 
 
 def effect_parameters(effect: Any) -> str:
-    """What an effect was given, with units; what was left out is passed over."""
+    """Parameters of an effect with units, without those that were left out."""
     units = {name: allowed.unit for name, allowed in ranges_of(type(effect)).items()}
-    told = []
+    texts = []
     for field in fields(effect):
         value, unit = getattr(effect, field.name), units.get(field.name, "1")
-        if value is None:  # left out, and so without meaning
+        if value is None:
             continue
         text = f"{value:g}" if isinstance(value, float) else str(value)
-        told.append(f"{field.name} {text}" + ("" if unit == "1" else f" {unit}"))
-    return ", ".join(told)
+        texts.append(f"{field.name} {text}" + ("" if unit == "1" else f" {unit}"))
+    return ", ".join(texts)
 
 
 def list_effects() -> list[dict[str, Any]]:
-    """Every effect that palpate has, with its parameters, their defaults and what they may be."""
-    found = []
+    """All effects with their parameters, the defaults and the allowed values."""
+    effects = []
     for name in EFFECT_NAMES:
         kind = effect_type(name)
         allowed, hints, params = ranges_of(kind), get_type_hints(kind), {}
@@ -118,18 +117,18 @@ def list_effects() -> list[dict[str, Any]]:
             span = "true or false" if hint is bool else " or ".join(map(str, get_args(hint)))
             span = str(allowed.get(field.name, span))
             params[field.name] = {"default": field.default, "allowed": span}
-        told = (kind.__doc__ or "").partition("\n")[0]
-        found.append({"name": name, "told": told, "parameters": params})
-    return found
+        summary = (kind.__doc__ or "").partition("\n")[0]
+        effects.append({"name": name, "told": summary, "parameters": params})
+    return effects
 
 
 def effects_text(effects: list[dict[str, Any]]) -> str:
-    """The same for people."""
+    """Lines about the effects of `list_effects`."""
     lines = []
     for effect in effects:
         head = f"{effect['name']}: {effect['told']}"
         lines += textwrap.wrap(head, TEXT_WIDTH, subsequent_indent="    ")
-        for name, one in effect["parameters"].items():
-            given = "" if one["default"] is None else f"{one['default']}"
-            lines.append(f"  {name:<14}{given:<10}{one['allowed']}".rstrip())
+        for name, parameter in effect["parameters"].items():
+            default = "" if parameter["default"] is None else f"{parameter['default']}"
+            lines.append(f"  {name:<14}{default:<10}{parameter['allowed']}".rstrip())
     return "\n".join(lines)

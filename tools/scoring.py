@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -23,11 +24,20 @@ from palpate.launch.files.units import METRES_PER_UNIT
 from palpate.launch.printing import millimetres, titled
 from palpate.launch.run_directory import find_run_mesh
 
-MAX_SIZE_RATIO = 5.0  # Times as large or as small: one of the units is probably wrong
 ScoreRecord = Mapping[str, Any]
-POINT_SUFFIXES = (".csv", ".xyz", ".txt")  # Formats that hold points alone
-MIN_POINTS = 6  # Points, so that they say anything
-MAX_COORDINATE = 1e30  # Coordinate, m, of which powers are still numbers
+POINT_SUFFIXES = (".csv", ".xyz", ".txt")  # formats of points only
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ScoreLimits:
+    """What files a score takes, and when their sizes are doubted."""
+
+    min_points: int = 6  # of a reference that consists of points
+    max_coordinate: float = 1e30  # [m] whose powers do not overflow
+    max_size_ratio: float = 5.0  # of the larger to the smaller; beyond it a unit is probably wrong
+
+
+DEFAULT_LIMITS = ScoreLimits()
 
 
 def score(
@@ -37,84 +47,90 @@ def score(
     unit: str | None = None,
     reference_unit: str | None = None,
     aligned: bool = False,
+    limits: ScoreLimits = DEFAULT_LIMITS,
 ) -> ScoreRecord:
-    """Distances between a surface and what it should be, by stable names; one-sided against points.
+    """Distances between a surface and its reference, by stable names; one-sided against points.
 
-    Each may be a run, by its directory or recording, whose solid is meant. `aligned` moves the
-    model onto the reference first, rigidly. Raises InputError if a file cannot be read or does not
-    hold what it must.
+    Each is a file, or the directory or recording of a run, for its solid. `aligned`: the model is
+    first moved rigidly onto the reference. Raises InputError if a file cannot be read, or has no
+    surface or points.
     """
     model, unit = _solid_of(model, unit)
     reference, reference_unit = _solid_of(reference, reference_unit)
-    solid = _outwards(read_mesh_or_points(model, unit))
-    wanted = _outwards(read_mesh_or_points(reference, reference_unit))
+    solid = _outwards(read_mesh_or_points(model, unit, limits))
+    truth = _outwards(read_mesh_or_points(reference, reference_unit, limits))
     if not len(solid.faces):
         raise InputError(f"{model}: holds points; the model must be a surface")
     surface = _prepared(model, solid)
-    found = geometry.solidity(solid.vertices, solid.faces)
-    sizes = [float(np.linalg.norm(np.ptp(one.vertices, axis=0))) for one in (solid, wanted)]
+    topology = geometry.solidity(solid.vertices, solid.faces)
+    sizes = [float(np.linalg.norm(np.ptp(some.vertices, axis=0))) for some in (solid, truth)]
     shared = {
         "model": str(model),
         "reference": str(reference),
         "unit": solid.unit,
-        "reference_unit": wanted.unit,
-        "one_sided": not len(wanted.faces),
-        "size_m": float(np.ptp(wanted.vertices[:, 2])),
-        "same_order_of_size": max(sizes) <= MAX_SIZE_RATIO * min(sizes),
-        "watertight": found.watertight,
-        "components": found.components,
-        "genus": found.genus,
+        "reference_unit": truth.unit,
+        "one_sided": not len(truth.faces),
+        "size_m": float(np.ptp(truth.vertices[:, 2])),
+        "same_order_of_size": max(sizes) <= limits.max_size_ratio * min(sizes),
+        "watertight": topology.watertight,
+        "components": topology.components,
+        "genus": topology.genus,
         "self_intersections": geometry.self_intersection(solid.vertices, solid.faces).count,
     }
-    if len(wanted.faces):
-        return {**shared, **_against_surface(surface, solid, reference, wanted, aligned)}
-    return {**shared, **_against_points(surface, wanted.vertices, aligned)}
+    if len(truth.faces):
+        return {**shared, **_against_surface(surface, solid, reference, truth, aligned)}
+    return {**shared, **_against_points(surface, truth.vertices, aligned)}
 
 
 def _solid_of(path: Path, unit: str | None) -> tuple[Path, str | None]:
-    """The mesh of a run, which is in m; another file is itself."""
+    """Mesh and unit of a run, which is in m; of another file the file itself."""
     mesh = find_run_mesh(path)
     return mesh, unit or ("m" if mesh != path else None)
 
 
-def read_mesh_or_points(path: Path, unit: str | None) -> MeshOrPoints:
+def read_mesh_or_points(
+    path: Path, unit: str | None, limits: ScoreLimits = DEFAULT_LIMITS
+) -> MeshOrPoints:
     """A surface (PLY, STL, OBJ, OFF, GLB, NPZ) or points (CSV, TXT, XYZ, a PLY without faces).
 
-    Without a `unit` a surface is in the one that `palpate run` takes it to be in, or else in the
-    one in which palpate writes it, mm for STL and m for all others; points are in m. Raises
-    InputError if the file cannot be read, or holds neither.
+    Without a `unit` a surface is in the unit that `palpate run` assumes, or else in the one that
+    palpate writes, mm for STL and m for other formats; points are in m. Raises InputError if the
+    file cannot be read, or holds neither.
     """
     kind = path.suffix.lower()
-    taken = unit or "m"
+    assumed = unit or "m"
     points: Floats | None = None
     if kind in POINT_SUFFIXES:
-        points = _read_table(path) * METRES_PER_UNIT[taken]
+        points = _read_table(path) * METRES_PER_UNIT[assumed]
     elif kind == ".ply":
-        points = read_cloud(path, taken)
+        points = read_cloud(path, assumed)
     if points is not None:
-        count, finite = len(points), np.isfinite(points).all(axis=1)
-        if count < MIN_POINTS:
-            raise InputError(f"{path}: holds {count} points; at least {MIN_POINTS} are needed")
-        if not finite.all():
-            raise InputError(f"{path}: point {np.argmin(finite)} is not finite")
-        if not np.ptp(points, axis=0).any():
-            raise InputError(f"{path}: all {count} points are in one place")
+        _check_points(path, points, limits.min_points)
         vertices, faces = points, np.zeros((0, 3), np.int32)
     elif kind == ".npz":
         vertices, faces = _read_model(path)
-        vertices = vertices * METRES_PER_UNIT[taken]
+        vertices = vertices * METRES_PER_UNIT[assumed]
     else:
-        vertices, faces, taken = read_surface(path, unit)
+        vertices, faces, assumed = read_surface(path, unit)
     size = float(np.abs(vertices).max(initial=0.0))
-    if len(vertices) and np.isfinite(size) and not size <= MAX_COORDINATE:
-        raise InputError(
-            f"{path}: reaches {size:g} m from the origin; at most {MAX_COORDINATE:g} m can"
-        )
-    return MeshOrPoints(vertices, faces, taken)
+    if len(vertices) and np.isfinite(size) and not size <= limits.max_coordinate:
+        limit = f"at most {limits.max_coordinate:g} m can"
+        raise InputError(f"{path}: reaches {size:g} m from the origin; {limit}")
+    return MeshOrPoints(vertices, faces, assumed)
+
+
+def _check_points(path: Path, points: Floats, min_points: int) -> None:
+    count, finite = len(points), np.isfinite(points).all(axis=1)
+    if count < min_points:
+        raise InputError(f"{path}: holds {count} points; at least {min_points} are needed")
+    if not finite.all():
+        raise InputError(f"{path}: point {np.argmin(finite)} is not finite")
+    if not np.ptp(points, axis=0).any():
+        raise InputError(f"{path}: all {count} points are in one place")
 
 
 def _read_table(path: Path) -> Floats:
-    """The columns x, y and z of a table, found as `palpate rebuild` finds them."""
+    """Columns x, y and z (n, 3) of a table, recognised as by `palpate rebuild`."""
     points, left_out = read_positions(path)
     if left_out:
         raise InputError(f"{path}: holds {left_out[0].removeprefix('left out ')}")
@@ -122,12 +138,12 @@ def _read_table(path: Path) -> Floats:
 
 
 def _read_model(path: Path) -> tuple[Floats, NDArray[np.int32]]:
-    """Vertices, m, and faces of a model as a run or `palpate.save` leaves it."""
+    """Vertices (n, 3) [m] and faces (m, 3) of a model written by a run or `palpate.save`."""
     data = read_bounded(path, MAX_MESH_BYTES)
     with as_input_errors(path):
         arrays = read_npz(data)
     if FORM_KEY in arrays and "vertices" not in arrays:
-        mesh = load(path).final_mesh  # as fine as meshes are by themselves
+        mesh = load(path).final_mesh  # in the default resolution
         return mesh.vertices, mesh.faces
     for name in ("vertices", "faces"):
         if name not in arrays:
@@ -145,11 +161,11 @@ def _read_model(path: Path) -> tuple[Floats, NDArray[np.int32]]:
 
 
 def _outwards(shape: MeshOrPoints) -> MeshOrPoints:
-    """A closed surface with its normals outside."""
+    """A surface; the normals of a closed one point outwards."""
     if not len(shape.faces):
         return shape
-    found = geometry.solidity(shape.vertices, shape.faces)
-    if found.watertight and found.volume < 0.0:
+    topology = geometry.solidity(shape.vertices, shape.faces)
+    if topology.watertight and topology.volume < 0.0:
         return shape._replace(faces=np.ascontiguousarray(shape.faces[:, ::-1]))
     return shape
 
@@ -162,22 +178,22 @@ def _against_surface(
     aligned: bool,
 ) -> ScoreRecord:
     truth = _prepared(reference, wanted)
-    found = geometry.align(surface.samples.points, truth) if aligned else None
-    if found is not None:
-        moved = Pose.from_array(found.pose).to_outer(solid.vertices)
+    alignment = geometry.align(surface.samples.points, truth) if aligned else None
+    if alignment is not None:
+        moved = Pose.from_array(alignment.pose).to_outer(solid.vertices)
         surface = geometry.prepare_surface(moved, solid.faces)
     distances = geometry.compare_surfaces(truth, surface)
-    volumes = [geometry.solidity(one.vertices, one.faces) for one in (solid, wanted)]
-    closed = all(one.watertight and one.volume != 0.0 for one in volumes)
+    shapes = [geometry.solidity(some.vertices, some.faces) for some in (solid, wanted)]
+    closed = all(shape.watertight and shape.volume != 0.0 for shape in shapes)
     return {
-        **_alignment_figures(found, None if found is None else found.pose),
+        **_alignment_figures(alignment, alignment and alignment.pose),
         "chamfer_m": distances.chamfer,
         "mean_m": None,
         "rms_m": distances.rms,
         "p95_m": distances.p95,
         "hausdorff_m": distances.hausdorff,
         "normal_deg": distances.normal_deg,
-        "volume_error": volumes[0].volume / volumes[1].volume - 1.0 if closed else None,
+        "volume_error": shapes[0].volume / shapes[1].volume - 1.0 if closed else None,
         "sampling_floor_m": geometry.facet_sag(wanted.vertices, wanted.faces),
         "points": None,
     }
@@ -191,13 +207,14 @@ def _prepared(path: Path, shape: MeshOrPoints) -> geometry.PreparedSurface:
 def _against_points(
     surface: geometry.PreparedSurface, points: Floats, aligned: bool
 ) -> ScoreRecord:
-    found = geometry.align(points, surface) if aligned else None
-    moved = points if found is None else Pose.from_array(found.pose).to_outer(points)
+    alignment, pose, moved = None, None, points
+    if aligned:
+        alignment = geometry.align(points, surface)
+        fitted = Pose.from_array(alignment.pose)
+        moved, pose = fitted.to_outer(points), fitted.inverse().array
     distances = geometry.nearest_points(surface.search, moved).distances
     return {
-        **_alignment_figures(
-            found, None if found is None else Pose.from_array(found.pose).inverse().array
-        ),
+        **_alignment_figures(alignment, pose),
         "chamfer_m": None,
         "mean_m": float(distances.mean()),
         "rms_m": float(np.sqrt(np.mean(distances**2))),
@@ -210,27 +227,27 @@ def _against_points(
     }
 
 
-def _alignment_figures(found: geometry.Alignment | None, pose: Floats | None) -> ScoreRecord:
-    """What the alignment says; `pose` is the model's in the reference's frame."""
+def _alignment_figures(alignment: geometry.Alignment | None, pose: Floats | None) -> ScoreRecord:
+    """Figures of an alignment; `pose` (7,) of the model in the frame of the reference."""
     return {
-        "aligned": found is not None,
+        "aligned": alignment is not None,
         "pose": None if pose is None else pose.tolist(),
-        "alignment_rms_m": found and found.rms,
-        "alignment_converged": found and found.converged,
-        "alignment_ambiguous": found and found.ambiguous,
+        "alignment_rms_m": alignment and alignment.rms,
+        "alignment_converged": alignment and alignment.converged,
+        "alignment_ambiguous": alignment and alignment.ambiguous,
     }
 
 
 class MeshOrPoints(NamedTuple):
-    """A surface or points, in m."""
+    """A surface or points."""
 
-    vertices: Floats  # (n, 3)
-    faces: NDArray[np.int32]  # (m, 3); none for points
-    unit: str  # As which the file was read
+    vertices: Floats  # (n, 3) [m]
+    faces: NDArray[np.int32]  # (m, 3); (0, 3) for points
+    unit: str  # in which the file was read
 
 
 def score_text(scored: ScoreRecord) -> str:
-    """The figures of a score; lengths in mm."""
+    """Lines about a score, with lengths in mm."""
     lines = titled("model", f"{scored['model']}, read in {scored['unit']}")
     lines += titled("reference", f"{scored['reference']}, read in {scored['reference_unit']}")
     lines += [*_alignment_lines(scored), *_distance_lines(scored)]
@@ -249,17 +266,17 @@ def score_text(scored: ScoreRecord) -> str:
 def _alignment_lines(scored: ScoreRecord) -> list[str]:
     if not scored["aligned"]:
         return []
-    *place, i, j, k, w = scored["pose"]
+    *position, i, j, k, w = scored["pose"]
     turn = math.degrees(2.0 * math.atan2(math.hypot(i, j, k), abs(w)))
-    place, rest = (
-        ", ".join(f"{1000.0 * v:.3f}" for v in place),
+    shift, rms = (
+        ", ".join(f"{1e3 * x:.3f}" for x in position),
         millimetres(scored["alignment_rms_m"]),
     )
-    lines = titled("aligned", f"model moved by ({place}) mm, turned by {turn:.2f} deg; rms {rest}")
+    lines = titled("aligned", f"model moved by ({shift}) mm, turned by {turn:.2f} deg; rms {rms}")
     if not scored["alignment_converged"]:
-        lines += titled("warning", "the alignment had not come to rest")
+        lines += titled("warning", "the alignment did not converge")
     if scored["alignment_ambiguous"]:
-        lines += titled("warning", "another pose fits as well: it looks alike from there")
+        lines += titled("warning", "another pose fits as well: the object looks alike from there")
     return lines
 
 
@@ -269,12 +286,12 @@ def _distance_lines(scored: ScoreRecord) -> list[str]:
     parts = (f"{name} {millimetres(scored[key])}" for name, key in named.items())
     lines = titled("distance", *parts)
     if scored["one_sided"]:
-        told = f"from {scored['points']} points to the model, not back: "
-        return lines + titled("one-sided", told + "what the points do not cover is not judged")
+        text = f"from {scored['points']} points to the model, not back: "
+        return lines + titled("one-sided", text + "parts without points are not judged")
     volume = scored["volume_error"]
-    rest = (
+    figures = (
         f"sampling floor {millimetres(scored['sampling_floor_m'])}",
         f"normals {scored['normal_deg']:.1f} deg",
-        "volume not known" if volume is None else f"volume {100.0 * volume:+.2f} %",
+        "volume unknown" if volume is None else f"volume {100.0 * volume:+.2f} %",
     )
-    return lines + titled("", *rest)
+    return lines + titled("", *figures)

@@ -19,20 +19,29 @@ from palpate.core.arrays import Floats
 from palpate.messages.types import Truth
 
 Colours = NDArray[np.uint8]
-QUANTILE = 0.98  # Of the values, from which on all have the last colour
-LEAST_TOP = 1e-6  # Of a scale, m
-ROUND = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ScaleSettings:
+    """How the top of a scale of colours follows from the values on a surface."""
+
+    quantile: float = 0.98  # of the values; larger ones may have the last colour
+    min_top: float = 1e-6  # [m]
+    mantissas: tuple[float, ...] = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)  # of a round top
+
+
+DEFAULT_SCALE = ScaleSettings()
 
 
 @dataclass(slots=True)
 class TruthSurface:
-    """The true surface, made ready for the search when somebody first asks."""
+    """The true surface, whose search tree is built with the first question."""
 
     truth: Truth
     _search: geometry.NearestSearch | None = field(default=None, repr=False)
 
     def deviations(self, points: Floats) -> Floats:
-        """Distances (n,) of points (n, 3) from the true surface, m."""
+        """Distances (n,) of points (n, 3) from the true surface [m]."""
         if self._search is None:
             corners = geometry.triangle_corners(self.truth.vertices, self.truth.faces)
             self._search = geometry.nearest_search(corners)
@@ -40,10 +49,10 @@ class TruthSurface:
 
 
 class VertexColours(NamedTuple):
-    """Colours of a mesh, and what they mean."""
+    """Colours of a mesh, and their scale."""
 
-    name: str  # Of the scalar
-    top: float  # From which on all have the last colour, m
+    name: str  # of the scalar
+    top: float  # value from which on all have the last colour [m]
     colours: Colours  # (n, 3)
 
 
@@ -55,11 +64,13 @@ def vertex_colours(scalars: Mapping[str, Floats]) -> VertexColours | None:
     return None
 
 
-def scale_top(values: Floats) -> float:
-    """Value from which on all have the last colour: a round one, over nearly all that are there."""
-    top = max(float(np.quantile(values, QUANTILE)) if len(values) else 0.0, LEAST_TOP)
+def scale_top(values: Floats, settings: ScaleSettings = DEFAULT_SCALE) -> float:
+    """Value of the last colour [m]: a round number above nearly all of the values (n,)."""
+    top = max(
+        float(np.quantile(values, settings.quantile)) if len(values) else 0.0, settings.min_top
+    )
     power = 10.0 ** np.floor(np.log10(top))
-    return float(power * next(one for one in ROUND if one * power >= 0.999 * top))
+    return float(power * next(m for m in settings.mantissas if m * power >= 0.999 * top))
 
 
 def shades(values: Floats, top: float) -> Colours:
@@ -76,18 +87,26 @@ def viridis(values: Floats, top: float) -> Colours:
     return np.asarray(np.rint(mixed), np.uint8)
 
 
-def thinned(
-    vertices: Floats, faces: NDArray[np.int32], most: int
-) -> tuple[NDArray[np.intp], NDArray[np.int32]]:
-    """Some of the vertices (n, 3), by number, and at most so many triangles (m, 3) over them.
+def tactile_colours(compression: Floats, top: float, grey: int = 236) -> Colours:
+    """Colours (rows, cols, 3) of a tactile image [m]: viridis to `top`, `grey` without contact."""
+    colours = viridis(compression.ravel(), top).reshape(*compression.shape, 3)
+    colours[compression <= 0.0] = grey
+    return colours
 
-    Of all vertices in a cell of space the one next to their middle stays (Rossignac and Borrel,
-    1993), so that what is kept lies on the surface.
+
+def thinned(
+    vertices: Floats, faces: NDArray[np.int32], max_faces: int
+) -> tuple[NDArray[np.intp], NDArray[np.int32]]:
+    """Indices (k,) of some of the vertices (n, 3), and at most `max_faces` triangles over them.
+
+    Of the vertices in a cell of space the one closest to their mean is kept (Rossignac and Borrel,
+    1993), so that the kept vertices lie on the surface.
     """
     kept, groups = np.arange(len(vertices)), faces
     spread = np.ptp(vertices, axis=0)
-    cell = np.sqrt(spread @ np.roll(spread, 1) * 2.0 / most) if len(faces) > most else 0.0
-    while len(groups) > most:
+    too_many = len(faces) > max_faces
+    cell = np.sqrt(spread @ np.roll(spread, 1) * 2.0 / max_faces) if too_many else 0.0
+    while len(groups) > max_faces:
         _, cells, counts = np.unique(
             np.floor(vertices / cell).astype(np.int64),
             axis=0,
@@ -112,7 +131,7 @@ def hex_colour(value: float, top: float) -> str:
 def css_ramp(*, of_surface: bool) -> str:
     """CSS gradient of the scale of values on a surface, or of a tactile image; 0 is at the left."""
     values = np.linspace(1.0, 0.0, 17) if of_surface else np.linspace(0.0, 1.0, 17)
-    return f"linear-gradient(to right, {', '.join(hex_colour(one, 1.0) for one in values)})"
+    return f"linear-gradient(to right, {', '.join(hex_colour(value, 1.0) for value in values)})"
 
 
 # Every sixteenth of the 256 colours of viridis (van der Walt and Smith, 2015), and the last.

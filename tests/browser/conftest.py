@@ -1,6 +1,6 @@
 """A real browser for pages: Chromium without a screen, drawing in software.
 
-What a page prints as an error and what it asks of the network is kept, for tests to look at.
+Errors and requests of each page are recorded for the tests.
 """
 
 import os
@@ -20,21 +20,21 @@ FLAGS = (
     *("--no-first-run", "--disable-background-networking", "--disable-component-update"),
     *("--disable-sync", "--disable-quic", "--disable-default-apps"),
 )
-HERE = ("", "127.0.0.1", "localhost")  # Hosts of a request that leaves nobody's machine
+HERE = ("", "127.0.0.1", "localhost")  # hosts of a request on this machine
 LOCAL_SCHEMES = ("file", "data", "blob", "about")
 
 
 @dataclass(slots=True)
 class Watched:
-    """A page that is watched."""
+    """A page with its errors and requests."""
 
     page: Any
-    errors: list[str] = field(default_factory=list)  # Of the console, and exceptions
-    requests: list[str] = field(default_factory=list)  # Addresses
+    errors: list[str] = field(default_factory=list)  # of the console, and exceptions
+    requests: list[str] = field(default_factory=list)  # addresses
 
     def outside(self) -> list[str]:
         """Addresses that are not of this machine."""
-        return [one for one in self.requests if not _is_local(one)]
+        return [address for address in self.requests if not _is_local(address)]
 
 
 def _is_local(address: str) -> bool:
@@ -59,19 +59,19 @@ def browser() -> Iterator[Any]:
 
 @pytest.fixture
 def open_page(browser: Any) -> Iterator[Callable[..., Watched]]:
-    """Opens an address in a page of its own, of a width and height in pixels."""
+    """Function that opens an address in a new page of a width and height [pixels]."""
     opened: list[Any] = []
 
-    def do(address: str, width: int = 1280, height: int = 800, **how: Any) -> Watched:
+    def open_address(address: str, width: int = 1280, height: int = 800, **how: Any) -> Watched:
         page = browser.new_page(viewport={"width": width, "height": height}, **how)
         opened.append(page)
-        found = Watched(page)
-        page.on("console", lambda one: one.type == "error" and found.errors.append(one.text))
-        page.on("pageerror", lambda one: found.errors.append(str(one)))
-        page.on("request", lambda one: found.requests.append(one.url))
+        watched = Watched(page)
+        page.on("console", lambda line: line.type == "error" and watched.errors.append(line.text))
+        page.on("pageerror", lambda error: watched.errors.append(str(error)))
+        page.on("request", lambda request: watched.requests.append(request.url))
         page.goto(address)
-        return found
+        return watched
 
-    yield do
+    yield open_address
     for page in opened:
         page.close()

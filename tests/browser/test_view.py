@@ -8,12 +8,10 @@ import numpy as np
 import pytest
 
 from palpate.tools.surfaces import shades
-from palpate.tools.view.live import TICK, View, address_of, serving
+from palpate.tools.view.live import View, address_of, serving
 from palpate.tools.view.timeline import read_timeline
 
-from .pictures import colours_in, picture_of, share_changed
-
-CHANGED = 0.003  # Share of the pixels
+from .pictures import colours_in, is_changed, picture_of, share_changed
 
 
 @pytest.fixture
@@ -26,39 +24,39 @@ def controls():
 def view(run_folder, controls):
     """A view of a recording, which stands still at its end, with its time passing."""
 
-    def noting(make):
-        def do(label, *what, **how):
-            controls[label] = make(label, *what, **how)
+    def recording(make):
+        def make_and_record(label, *arguments, **options):
+            controls[label] = make(label, *arguments, **options)
             return controls[label]
 
-        return do
+        return make_and_record
 
     with serving(8480) as server:
         for name in ("add_checkbox", "add_dropdown"):
-            setattr(server.gui, name, noting(getattr(server.gui, name)))
-        found = View(server, read_timeline(run_folder), recorded=True)
-        found.seek(found.line.end)
-        ended = threading.Event()
+            setattr(server.gui, name, recording(getattr(server.gui, name)))
+        shown = View(server, read_timeline(run_folder), recorded=True)
+        shown.seek(shown.line.end)
+        ended, tick = threading.Event(), 0.05
 
         def run():
-            while not ended.wait(TICK):
-                found.pass_time(TICK)
+            while not ended.wait(tick):
+                shown.pass_time(tick)
 
         thread = threading.Thread(target=run)
         thread.start()
-        yield found
+        yield shown
         ended.set()
         thread.join()
 
 
 def opened(open_page, view, *size):
     """The page of a view, once its solid is drawn."""
-    # Else viser draws coarser while the machine is busy, and no picture is as the one before it.
-    found = open_page(f"{address_of(view.server)}?fixedDpr=1", *size)
-    found.page.wait_for_selector("canvas")
-    found.page.wait_for_selector("text=robot time")
-    until(lambda: colours_in(scene_of(found.page)) > 50)
-    return found
+    # Without fixedDpr viser draws coarsely while the machine is busy, and pictures differ.
+    watched = open_page(f"{address_of(view.server)}?fixedDpr=1", *size)
+    watched.page.wait_for_selector("canvas")
+    watched.page.wait_for_selector("text=robot time")
+    until(lambda: colours_in(scene_of(watched.page)) > 50)
+    return watched
 
 
 def scene_of(page):
@@ -84,9 +82,9 @@ def until(holds, seconds=60.0):
         time.sleep(0.05)
 
 
-def until_it_looks_as(before, page, seconds=60.0):
+def until_it_looks_as(before, page, seconds=60.0, max_share=0.003):
     end = time.monotonic() + seconds
-    while (share := share_changed(before, now := scene_of(page))) >= CHANGED:
+    while (share := share_changed(before, now := scene_of(page))) >= max_share:
         rows, columns = np.nonzero((before != now).any(axis=2))
         where = f"rows {rows.min()} to {rows.max()}, columns {columns.min()} to {columns.max()}"
         assert time.monotonic() < end, f"{share:.2%} of the picture are different, in {where}"
@@ -96,25 +94,25 @@ def until_it_looks_as(before, page, seconds=60.0):
 def figures_of(page):
     """Robot time and touch as the panel shows them."""
     text = page.locator("body").inner_text()
-    found = re.search(r"robot time ([\d.]+) s, touch (\d+) of (\d+)", text)
-    return float(found[1]), int(found[2]), int(found[3])
+    match = re.search(r"robot time ([\d.]+) s, touch (\d+) of (\d+)", text)
+    return float(match[1]), int(match[2]), int(match[3])
 
 
-def test_controls_change_what_is_seen_of_a_recording(view, open_page):
+def test_controls_change_the_shown_recording(view, open_page):
     watched = opened(open_page, view)
     page, line = watched.page, view.line
     assert figures_of(page) == (round(line.end, 1), len(line.touches), len(line.touches))
     end = still(page, looks=6)  # a busy machine draws parts late
 
     page.get_by_label("true solid").click()
-    until(lambda: share_changed(end, scene_of(page)) > CHANGED)
+    until(lambda: is_changed(end, scene_of(page)))
     page.get_by_label("true solid").click()
     until_it_looks_as(end, page)
 
     slider = page.get_by_role("slider").first
     slider.press("Home")
     until(lambda: figures_of(page)[:2] == (0.0, 0))
-    until(lambda: share_changed(end, scene_of(page)) > 10 * CHANGED)
+    until(lambda: is_changed(end, scene_of(page), min_share=0.03))
     page.get_by_role("button", name="touch ▶").click()
     until(lambda: figures_of(page)[1] == 1)
     slider.press("End")

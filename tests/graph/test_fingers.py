@@ -277,7 +277,7 @@ def test_resume_consumes_only_what_was_sent_before_the_contour(explored, tmp_pat
 
 
 def test_resume_that_cannot_be_is_refused(explored, tmp_path):
-    with pytest.raises(ValueError, match="has 5 contours, so none to go on from after 9"):
+    with pytest.raises(ValueError, match="has 5 contours, so none to resume after 9"):
         plan_resume(explored(1), 9, nodes=("planner",), out=tmp_path / "again")
     with pytest.raises(ValueError, match=r"wants module 'palpate_toy_heights' for"):
         plan_resume(explored(1), None, out=tmp_path / "again")

@@ -16,7 +16,7 @@ from palpate.launch.processes.registry import running_graphs
 from palpate.messages import decode
 from palpate.messages.bus import STATUS_TOPIC
 from palpate.messages.types import NodeStatus
-from palpate.tools.introspection.requests import request
+from palpate.tools.introspection.requests import RequestTimeouts, request
 from palpate.tools.introspection.topics import TapSubscription, find_topics
 from tests.graph.conftest import WITHIN, handled, palpate, started, wait_for
 
@@ -100,7 +100,7 @@ def test_rate_bandwidth_and_delay_are_measured(ring):
     assert "no messages on /relay/mark\n" in out and "/relay\naverage rate: " in out
     done = palpate("topic", "hz", "/rely")
     assert done.code == 2
-    assert "nobody publishes /rely; did you mean '/relay'?" in done.err
+    assert "no node publishes /rely; did you mean '/relay'?" in done.err
 
 
 def test_sequence_numbers_agree_with_the_publishers_own_count(ring):
@@ -197,7 +197,7 @@ def test_one_of_several_graphs_is_selected_and_its_end_ends_the_tool(runtime, mo
             first.send_signal(signal.SIGINT)
             out, err = hz.communicate(timeout=WITHIN)
         assert (hz.returncode, err) == (0, "") and "average rate" in out
-        monkeypatch.setattr("palpate.tools.introspection.requests.REQUEST_PATIENCE", 0.2)
+        monkeypatch.setitem(request.__kwdefaults__, "timeouts", RequestTimeouts(answer=0.2))
         second.send_signal(signal.SIGSTOP)
         done = palpate("doctor")
         assert done.code == 1

@@ -118,7 +118,7 @@ def test_keys_step_pause_and_resume_a_recording_in_a_terminal(stack, tmp_path):
     wait_for(lambda: handled(running_graphs()[0], "player", "sent") == 1 + 2)
     terminal.stdin.write(b"   ")
     lines = terminal.stdout.readlines()
-    assert lines == [b"goes on\r\n", b"paused\r\n", b"goes on\r\n", b"played 50 messages\r\n"]
+    assert lines == [b"resumed\r\n", b"paused\r\n", b"resumed\r\n", b"played 50 messages\r\n"]
     assert terminal.wait(WITHIN) == 0
 
 
@@ -157,7 +157,7 @@ def test_published_messages_arrive_though_the_console_dies_in_between(run, watch
 
 
 REFUSED = [
-    ("/consule", "{}", "nobody publishes /consule; did you mean '/console'?"),
+    ("/consule", "{}", "no node publishes /consule; did you mean '/console'?"),
     ("/counter", "{}", "a TactileFrame lacks goal, touch, finger"),
     ("/console", "{goal: 1}", "a TactileFrame lacks touch, finger"),
     ("/console", "[1]", "BODY must be a map of fields"),

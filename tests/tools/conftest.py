@@ -163,5 +163,5 @@ def explored(record, explored_messages) -> Path:
 @pytest.fixture
 def graph(runtime: Path) -> Iterator[ToyGraph]:
     """A graph of this user that runs; the test starts it."""
-    with toy_graph() as found:
-        yield found
+    with toy_graph() as running:
+        yield running

@@ -58,8 +58,8 @@ def write_recording(
     publishers = dict.fromkeys(types, publisher)
     writer = RecordingWriter(path, types, publishers, about or {}, schemas=schemas or {})
     counts = Counter[str]()
-    for place, (topic, message, *given) in enumerate(messages):
-        seq = given[0] if given else counts[topic]
+    for place, (topic, message, *numbers) in enumerate(messages):
+        seq = numbers[0] if numbers else counts[topic]
         counts[topic] += 1
         if place < skip:
             continue

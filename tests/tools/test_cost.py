@@ -72,10 +72,10 @@ def explored(record):
 
 
 def test_time_of_each_robot_follows_from_its_moves(explored):
-    found = robot_time(explored(*goals(), *frames()))
-    assert (found["touches"], found["closings"], found["fingers"]) == (4, 0, 1)
-    assert list(found["robots"]) == list(ROBOTS)
-    for name, cost in found["robots"].items():
+    costs = robot_time(explored(*goals(), *frames()))
+    assert (costs["touches"], costs["closings"], costs["fingers"]) == (4, 0, 1)
+    assert list(costs["robots"]) == list(ROBOTS)
+    for name, cost in costs["robots"].items():
         parts = durations(ROWS, name)
         sums = {part: getattr(parts, part).sum() for part in PARTS}
         assert {part: cost[f"{part}_s"] for part in PARTS} == pytest.approx(sums)
@@ -90,24 +90,24 @@ def test_time_of_each_robot_follows_from_its_moves(explored):
 @pytest.mark.parametrize("robot", ["modern", "puma"])
 def test_moves_of_the_recorded_robot_add_up_to_its_time(explored, robot):
     made = frames(robot=robot)
-    found = robot_time(explored(*goals(), made[0], *made, robot=robot))  # one frame came twice
-    recorded = found["recorded"]
-    assert (recorded["agrees"], recorded["robot"], found["touches"]) == (True, robot, 4)
+    costs = robot_time(explored(*goals(), made[0], *made, robot=robot))  # one frame came twice
+    recorded = costs["recorded"]
+    assert (recorded["agrees"], recorded["robot"], costs["touches"]) == (True, robot, 4)
     assert recorded["robot_time_s"] == made[-1].robot_time
 
 
-def test_missing_moves_and_unknown_robots_are_told(explored):
+def test_missing_moves_and_unknown_robots_are_reported(explored):
     first, _, *rest = frames()
-    found = robot_time(explored(*goals(), first, *rest))
+    costs = robot_time(explored(*goals(), first, *rest))
     lost = ends(ROWS)
-    assert found["recorded"]["missing_s"] == pytest.approx(lost[1] - lost[0])
-    assert not found["recorded"]["agrees"] and "its moves miss that by" in robot_time_text(found)
+    assert costs["recorded"]["missing_s"] == pytest.approx(lost[1] - lost[0])
+    assert not costs["recorded"]["agrees"] and "its moves miss that by" in robot_time_text(costs)
     for robot in (None, "hydraulic"):
-        found = robot_time(explored(*goals(), *frames(), robot=robot))
-        assert found["recorded"]["agrees"] is None
-        assert "cannot be checked" in robot_time_text(found)
-    found = robot_time(explored(*goals(), *frames(), closed=False, sent=[0, 1, 2, 3, 4, 10**10]))
-    assert not found["complete"] and "never closed" in robot_time_text(found)
+        costs = robot_time(explored(*goals(), *frames(), robot=robot))
+        assert costs["recorded"]["agrees"] is None
+        assert "cannot be checked" in robot_time_text(costs)
+    costs = robot_time(explored(*goals(), *frames(), closed=False, sent=[0, 1, 2, 3, 4, 10**10]))
+    assert not costs["complete"] and "never closed" in robot_time_text(costs)
 
 
 def test_closings_of_the_hand_are_a_phase_and_no_touches(explored):
@@ -115,25 +115,25 @@ def test_closings_of_the_hand_are_a_phase_and_no_touches(explored):
     times = ends([grasp, *ROWS])
     later = [replace(one, robot_time=float(t)) for one, t in zip(frames(), times[1:], strict=True)]
     closing = example(GraspContacts, move=np.array(grasp), robot_time=float(times[0]))
-    found = robot_time(explored(closing, *goals(), *later))
-    assert (found["touches"], found["closings"], found["recorded"]["agrees"]) == (4, 1, True)
-    modern = found["robots"]["modern"]
+    costs = robot_time(explored(closing, *goals(), *later))
+    assert (costs["touches"], costs["closings"], costs["recorded"]["agrees"]) == (4, 1, True)
+    modern = costs["robots"]["modern"]
     assert modern["phases"]["grasp"]["total_s"] == pytest.approx(times[0])
     assert modern["per_touch_s"] == pytest.approx(times[-1] / 4)
-    text = robot_time_text(found)
+    text = robot_time_text(costs)
     assert "4 touches, 1 closing of the hand" in text
     assert "grasp  contours    probes       all" in text
 
 
 def test_several_fingers_take_as_long_as_the_slowest(explored):
     other = frames(ROWS[1:3], (2, 2), finger=2)
-    found = robot_time(explored(*goals(), *OTHER, *other, *frames()))
-    assert (found["fingers"], found["touches"], found["recorded"]["agrees"]) == (2, 6, True)
-    for cost in found["robots"].values():
+    costs = robot_time(explored(*goals(), *OTHER, *other, *frames()))
+    assert (costs["fingers"], costs["touches"], costs["recorded"]["agrees"]) == (2, 6, True)
+    for cost in costs["robots"].values():
         assert cost["slowest_finger"] == 1 and cost["finger_s"]["2"] < cost["finger_s"]["1"]
         assert cost["total_s"] == max(cost["finger_s"].values()) == cost["finger_s"]["1"]
         assert cost["per_touch_s"] == pytest.approx(cost["total_s"] / 6)
-    assert "the table is of the slowest" in robot_time_text(found)
+    assert "the table is of the slowest" in robot_time_text(costs)
 
 
 @pytest.mark.parametrize("awaited", [True, False])
@@ -141,9 +141,9 @@ def test_wait_for_another_finger_moves_with_it(explored, awaited):
     wait = float(ends(ROWS)[1]) if awaited else 3.21
     first, second = ROWS[0], ROWS[2]
     waiting = frames([(wait, *first[1:]), second], (2, 2), finger=2)
-    found = robot_time(explored(*goals(), *OTHER, *waiting, *frames()))
-    assert found["recorded"]["agrees"]
-    for name, cost in found["robots"].items():
+    costs = robot_time(explored(*goals(), *OTHER, *waiting, *frames()))
+    assert costs["recorded"]["agrees"]
+    for name, cost in costs["robots"].items():
         begun = ends(ROWS, name)[1] if awaited else wait
         assert cost["finger_s"]["2"] == pytest.approx(begun + ends([first, second], name)[-1])
 
@@ -177,16 +177,16 @@ def test_recordings_that_tell_no_moves_are_refused(explored, tmp_path):
             robot_time(path, names)
 
 
-def test_cost_verb_prints_a_table_or_json(explored, call):
+def test_cost_command_prints_table_or_json(explored, call):
     folder = explored(goals()[0], *frames())  # of three moves no goal is recorded
     code, text, _ = call("cost --robot puma --robot puma", folder)
     assert code == 0 and "its moves add up to that" in text
     assert [line.split() for line in text.splitlines() if "puma, s" in line] == [
         ["puma,", "s", "probes", "other", "all"]
     ]
-    found = json.loads(call("cost --json", folder / "topics.mcap").out)
+    costs = json.loads(call("cost --json", folder / "topics.mcap").out)
     assert (
-        found["recorded"]["agrees"] and found["robots"]["modern"]["phases"]["other"]["moves"] == 3
+        costs["recorded"]["agrees"] and costs["robots"]["modern"]["phases"]["other"]["moves"] == 3
     )
 
 

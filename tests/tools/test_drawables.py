@@ -1,4 +1,4 @@
-"""What is drawn of messages: the laws that every view, page, film and export rests on."""
+"""Drawables of messages, on which views, pages, films and exports rest."""
 
 from collections import Counter
 from dataclasses import replace
@@ -17,21 +17,21 @@ from tests.tools.recordings import WORLD, frame
 @pytest.fixture
 def messages(explored_messages):
     """A message of each drawn type, by its type."""
-    return {type(one): one for _, one in reversed(explored_messages)}
+    return {type(message): message for _, message in reversed(explored_messages)}
 
 
 @pytest.fixture
 def drawn(explored_messages):
     """The drawables of all of them, in the order in which they come."""
-    known, found = Known(), []
+    known, shown = Known(), []
     for _, message in explored_messages:
         known.take(message)
-        found += drawables(message, known)
-    return found
+        shown += drawables(message, known)
+    return shown
 
 
 def test_touched_taxels_lie_in_the_world(drawn, sensor, patch):
-    contacts, taxels = (one.shape for one in drawn if one.path == "touched")
+    contacts, taxels = (drawable.shape for drawable in drawn if drawable.path == "touched")
     assert np.array_equal(taxels.points, patch.points)
     assert np.array_equal(taxels.normals, patch.normals)
     assert contacts.radius > taxels.radius and LAYERS["touched"].accumulates
@@ -50,14 +50,14 @@ def test_contours_are_strips_between_their_gaps(contour):
         ("occluded", none, [5]),
         ("occluded", gap, [2, 3]),
     ):
-        (one,) = drawables(replace(contour, **whole, **gaps, status=status), Known())
-        assert [len(strip) for strip in one.shape.strips] == lengths
-        assert len(one.shape.pieces()) == sum(lengths) - len(lengths)
-    (one,) = drawables(replace(contour, **whole, **none, status="closed"), Known())
-    assert one.shape.strips[0][-1].tolist() == points[0].tolist()
+        (drawable,) = drawables(replace(contour, **whole, **gaps, status=status), Known())
+        assert [len(strip) for strip in drawable.shape.strips] == lengths
+        assert len(drawable.shape.pieces()) == sum(lengths) - len(lengths)
+    (drawable,) = drawables(replace(contour, **whole, **none, status="closed"), Known())
+    assert drawable.shape.strips[0][-1].tolist() == points[0].tolist()
 
 
-def test_lattice_is_its_outside(messages):
+def test_lattice_is_drawn_as_its_outer_lines(messages):
     control = np.arange(3.0 * 4 * 5 * 3).reshape(3, 4, 5, 3)
     model = replace(messages[types.ShapeModel], control=control)
     strips = drawables(model, Known())[1].shape.strips
@@ -78,24 +78,26 @@ def test_mesh_knows_deviation_before_uncertainty(messages):
 
 
 def test_every_layer_is_drawn_and_space_has_its_boundaries(messages, drawn):
-    assert {*LAYERS} <= {one.layer for one in drawn}
+    assert {*LAYERS} <= {drawable.layer for drawable in drawn}
     space = messages[types.SpaceMap]
     for path, state in (("free", 1), ("unknown", 0)):
-        points = next(one.shape.points for one in drawn if one.path == path)
+        points = next(drawable.shape.points for drawable in drawn if drawable.path == path)
         places = np.rint((points - space.low) / space.step).astype(int)
         assert len(places) and (space.states[tuple(places.T)] == state).all()
 
 
-def test_what_cannot_be_drawn_is_left_out(messages, patch, sensor):
+def test_empty_messages_have_no_drawables(messages, patch, sensor):
     known = Known()
-    assert [one.shape.pad for one in drawables(frame(0), known)] == [None]
-    assert [one.path for one in drawables(messages[types.TactileImage], known)] == ["compression/2"]
+    assert [drawable.shape.pad for drawable in drawables(frame(0), known)] == [None]
+    assert [drawable.path for drawable in drawables(messages[types.TactileImage], known)] == [
+        "compression/2"
+    ]
     known.take(sensor)
     empty = {"points": np.zeros((0, 3)), "normals": np.zeros((0, 3))}
     grasp = replace(messages[types.GraspContacts], **empty, fingers=np.zeros(0, np.int32))
     untouched = replace(patch, **empty)
     estimate = example(types.PlanEstimate, rms_bound_95=None)
     done = replace(messages[types.PlanDone], open_places=np.zeros((0, 3)))
-    assert [drawables(one, known) for one in (grasp, untouched, estimate, done)] == [[]] * 4
+    assert [drawables(empty, known) for empty in (grasp, untouched, estimate, done)] == [[]] * 4
     assert drawables(WORLD, known) == drawables(sensor, known) == []
-    assert {type(one).__name__ for one in messages.values()} == TYPES_DRAWN | {"World"}
+    assert {type(message).__name__ for message in messages.values()} == TYPES_DRAWN | {"World"}

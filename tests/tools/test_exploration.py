@@ -20,7 +20,7 @@ def parts(plan):
     return about["launch"].replace(str(plan.folder.path), ""), about["scene"], plan.demanded
 
 
-def test_python_performs_a_plan_and_tells_of_a_missing_report(performed, capsys, tmp_path):
+def test_explore_performs_plan_and_reports_missing_report(performed, capsys, tmp_path):
     done = explore("vase", seed=3, settings={"planner.tolerance": 1e-4}, out="here", composed=True)
     ((plan, composed, display),) = performed
     assert composed is True and type(display) is Display and done.folder == tmp_path
@@ -47,8 +47,8 @@ def test_python_performs_a_plan_and_tells_of_a_missing_report(performed, capsys,
 def test_keywords_plan_the_run_of_the_same_options(words, options, performed, call, here):
     assert call(f"run vase --composed {words}").code == 3
     explore("vase", composed=True, **options)
-    one, other = (parts(plan) for plan, *_ in performed)
-    assert one == other
+    from_words, from_keywords = (parts(plan) for plan, *_ in performed)
+    assert from_words == from_keywords
 
 
 @pytest.mark.parametrize(

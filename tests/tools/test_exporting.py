@@ -74,52 +74,52 @@ def vertices_of(path):
 
 
 def test_ply_has_deviation_uncertainty_and_colours(run, tmp_path, tetrahedron):
-    told = export(run, [tmp_path / "solid.ply"])
-    found = vertices_of(tmp_path / "solid.ply")
+    facts = export(run, [tmp_path / "solid.ply"])
+    columns = vertices_of(tmp_path / "solid.ply")
     moved = trimesh.Trimesh(tetrahedron.vertices + SHIFT, tetrahedron.faces, process=False)
     _, deviations, _ = trimesh.proximity.closest_point_naive(moved, tetrahedron.vertices)
     assert deviations.min() > 1e-5
-    assert found["deviation"] == pytest.approx(deviations, rel=1e-5)
-    assert found["uncertainty"] == pytest.approx([0.001] * 4)
-    viridis = 255.0 * mpl.colormaps["viridis_r"](deviations / told["colours_end_m"])[:, :3]
-    colours = np.column_stack([found[name] for name in ("red", "green", "blue")]).astype(float)
+    assert columns["deviation"] == pytest.approx(deviations, rel=1e-5)
+    assert columns["uncertainty"] == pytest.approx([0.001] * 4)
+    viridis = 255.0 * mpl.colormaps["viridis_r"](deviations / facts["colours_end_m"])[:, :3]
+    colours = np.column_stack([columns[name] for name in ("red", "green", "blue")]).astype(float)
     assert np.abs(colours - viridis).max() < 4.0
-    assert told["coloured_by"] == "deviation"
-    assert told["rms_m"]["deviation"] == pytest.approx(np.sqrt(np.mean(deviations**2)))
+    assert facts["coloured_by"] == "deviation"
+    assert facts["rms_m"]["deviation"] == pytest.approx(np.sqrt(np.mean(deviations**2)))
 
 
 def test_uncertainty_gives_the_colours_without_truth(run_of, tmp_path, tetrahedron):
     heights, errors = np.array([0.0, 0.03]), np.array([0.001, 0.002])
     model = replace(tetrahedron, uncertainty_height=heights, uncertainty=errors, final=False)
-    told = export(run_of(model), [tmp_path / "solid.ply"])
-    found = vertices_of(tmp_path / "solid.ply")
-    assert "deviation" not in found.dtype.names
-    assert found["uncertainty"] == pytest.approx([0.001, 0.001, 0.001, 0.002])
-    assert (told["coloured_by"], told["colours_end_m"]) == ("uncertainty", pytest.approx(0.002))
-    assert [found[name][3] for name in ("red", "green", "blue")] == [0x44, 0x01, 0x54]
-    assert "the run had not come to its end" in export_text(told)
-    told = export(run_of(replace(tetrahedron, **UNKNOWN)), [tmp_path / "solid.ply"])
+    facts = export(run_of(model), [tmp_path / "solid.ply"])
+    columns = vertices_of(tmp_path / "solid.ply")
+    assert "deviation" not in columns.dtype.names
+    assert columns["uncertainty"] == pytest.approx([0.001, 0.001, 0.001, 0.002])
+    assert (facts["coloured_by"], facts["colours_end_m"]) == ("uncertainty", pytest.approx(0.002))
+    assert [columns[name][3] for name in ("red", "green", "blue")] == [0x44, 0x01, 0x54]
+    assert "the run had not come to its end" in export_text(facts)
+    facts = export(run_of(replace(tetrahedron, **UNKNOWN)), [tmp_path / "solid.ply"])
     assert vertices_of(tmp_path / "solid.ply").dtype.names == ("x", "y", "z")
-    assert (told["rms_m"], told["coloured_by"], told["colours_end_m"]) == ({}, None, None)
-    assert "colours" not in export_text(told)
+    assert (facts["rms_m"], facts["coloured_by"], facts["colours_end_m"]) == ({}, None, None)
+    assert "colours" not in export_text(facts)
 
 
 def test_mesh_of_an_unrecorded_run_is_exported(tmp_path, tetrahedron):
     export_model(tetrahedron, tmp_path)
-    told = export(tmp_path, [tmp_path / "solid.obj"])
-    assert (told["final"], told["faces"]) == (None, 4)
+    facts = export(tmp_path, [tmp_path / "solid.obj"])
+    assert (facts["final"], facts["faces"]) == (None, 4)
     assert trimesh.load(tmp_path / "solid.obj").volume == pytest.approx(1e-6)
 
 
-def test_export_verb_tells_files_with_units(run, tmp_path, call, monkeypatch):
+def test_export_command_prints_files_with_units(run, tmp_path, call, monkeypatch):
     monkeypatch.chdir(tmp_path)
     code, out, _ = call("export run -o a.stl -o a.glb")
     assert code == 0 and "4 triangles, 4 vertices" in out and "not come to its end" not in out
     assert "a.stl (mm)" in out and "a.glb (m, y up)" in out
-    told = json.loads(
+    facts = json.loads(
         call("export run -o a.stl -o a.glb --json").out
     )  # existing files are replaced
-    assert told["faces"] == 4 and told["written"][0] == {"file": "a.stl", "holds": "mm"}
+    assert facts["faces"] == 4 and facts["written"][0] == {"file": "a.stl", "holds": "mm"}
     assert call("export run/topics.mcap -o b.stl").code == 0
     assert (tmp_path / "a.stl").read_bytes() == (tmp_path / "b.stl").read_bytes()
 

@@ -75,13 +75,13 @@ def topics(axes):
     return [one for one in axes.texts if (one.get_gid() or "").startswith("topic")]
 
 
-def is_within(one, other):
-    low, high = other[:2] - 0.1, other[2:] + 0.1
-    return (low <= one[:2]).all() and (one[2:] <= high).all()
+def is_within(inner, outer):
+    low, high = outer[:2] - 0.1, outer[2:] + 0.1
+    return (low <= inner[:2]).all() and (inner[2:] <= high).all()
 
 
-def meet(one, other):
-    return (np.maximum(one[:2], other[:2]) < np.minimum(one[2:], other[2:]) - 0.1).all()
+def meet(first, second):
+    return (np.maximum(first[:2], second[:2]) < np.minimum(first[2:], second[2:]) - 0.1).all()
 
 
 LARGER = [pytest.param(name, marks=pytest.mark.slow) for name in range(4, 12)]
@@ -108,18 +108,18 @@ def test_nothing_covers_anything(name):
 
 
 @SKETCHES
-def test_every_topic_stands_in_row_of_publisher_and_column_of_subscriber(name):
+def test_topics_are_in_rows_of_publishers_and_columns_of_subscribers(name):
     axes, boxes = chart(name)
-    found = set()
-    for one in topics(axes):
-        (left, top, right, bottom), label = span(one), one.get_text()
+    drawn = set()
+    for text in topics(axes):
+        (left, top, right, bottom), label = span(text), text.get_text()
         [row] = [i for i, box in boxes.items() if box[1] < (top + bottom) / 2 < box[3]]
         column = [i for i, box in boxes.items() if box[0] < (left + right) / 2 < box[2]]
-        found.add((row, *column, label))
+        drawn.add((row, *column, label))
     wires = [(wire, label) for wire in sketch(name).wires for label in wire.labels]
-    assert found == {
+    assert drawn == {
         (wire.source, *to, label)
-        for wire, label in wires for to in ([[one] for one in wire.targets] or [[]])
+        for wire, label in wires for to in ([[text] for text in wire.targets] or [[]])
     }  # fmt: skip
 
 
@@ -155,32 +155,32 @@ def test_subscriber_follows_its_publishers_unless_in_a_loop(seed):
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_shipped_graph_is_drawn_alike_in_whatever_order_it_is_written(seed):
-    one = sketch(-1)
-    order = random.Random(seed).sample(range(len(one.boxes)), len(one.boxes))
-    edges = {i: [to for w in one.wires if w.source == i for to in w.targets] for i in order}
-    names = [one.boxes[i].text for i in reading_order(edges)]
+def test_drawing_does_not_depend_on_order_of_nodes(seed):
+    shipped = sketch(-1)
+    order = random.Random(seed).sample(range(len(shipped.boxes)), len(shipped.boxes))
+    edges = {i: [to for w in shipped.wires if w.source == i for to in w.targets] for i in order}
+    names = [shipped.boxes[i].text for i in reading_order(edges)]
     assert names[:4] == ["simulator", "filter", "curvature", "tracer"]
     assert {*names[4:6]} == {"planner", "reconstructor"} and names[6:] == ["evaluator"]
 
 
-def wires_of(one):
-    names = [box.text for box in one.boxes]
+def wires_of(drawn):
+    names = [box.text for box in drawn.boxes]
     return {
         wire.labels[0]: (names[wire.source], [names[target] for target in wire.targets])
-        for wire in one.wires
+        for wire in drawn.wires
     }
 
 
 def test_sketch_has_every_node_and_every_topic():
-    graph, one = explore_graph(1), sketch(-1)
-    assert {box.text for box in (*one.boxes, *one.sinks)} == {e.name for e in graph.entries}
-    assert [sink.text for sink in one.sinks] == ["recorder"]
-    assert [box.text for box in one.boxes if box.ends] == ["evaluator"]
-    wires = wires_of(one)
+    graph, shipped = explore_graph(1), sketch(-1)
+    assert {box.text for box in (*shipped.boxes, *shipped.sinks)} == {e.name for e in graph.entries}
+    assert [sink.text for sink in shipped.sinks] == ["recorder"]
+    assert [box.text for box in shipped.boxes if box.ends] == ["evaluator"]
+    wires = wires_of(shipped)
     assert {*wires} == {*graph.topics()} and wires["/score"] == ("evaluator", [])
     assert wires["/touch/patch"] == ("curvature", ["tracer", "reconstructor"])
-    latched = {wire.labels[0] for wire in one.wires if wire.latched}
+    latched = {wire.labels[0] for wire in shipped.wires if wire.latched}
     assert latched == {"/world", "/truth", "/touch/info"}
     frames = SourceMapped(str(DOCS / "examples" / "frames.csv"), "")
     arguments = {"path": frames, "scale": SourceMapped(0.001, "")}
@@ -189,19 +189,19 @@ def test_sketch_has_every_node_and_every_topic():
 
 
 def test_nodes_of_several_fingers_are_stacks_with_titles():
-    one, kinds = sketch(-3), ("simulator", "filter", "curvature", "tracer")
-    for box in one.boxes:
+    shipped, kinds = sketch(-3), ("simulator", "filter", "curvature", "tracer")
+    for box in shipped.boxes:
         assert box.count == (3 if box.text in kinds else 1)
         assert box.name == box.text + (" × 3" if box.text in kinds else "")
-    assert wires_of(one)["/touch/raw × 3"] == ("simulator", ["filter"])
-    [tracer] = [box for box in one.boxes if box.text == "tracer"]
+    assert wires_of(shipped)["/touch/raw × 3"] == ("simulator", ["filter"])
+    [tracer] = [box for box in shipped.boxes if box.text == "tracer"]
     names = [line.partition(":")[0] for line in tracer.title.splitlines()]
     assert names == ["tracer_1", "tracer_2", "tracer_3"] and '"most_touches": 150' in tracer.title
-    [raw] = [wire for wire in one.wires if wire.labels[0].startswith("/touch/raw")]
+    [raw] = [wire for wire in shipped.wires if wire.labels[0].startswith("/touch/raw")]
     second = "/finger_2/touch/raw: TactileFrame, simulator_2 to filter_2, recorder"
     assert raw.title.splitlines()[1] == second
     assert {tracer.title, raw.title} < {
-        title.text for title in ElementTree.fromstring(draw_svg(one, "t")).iter(f"{SVG}title")
+        title.text for title in ElementTree.fromstring(draw_svg(shipped, "t")).iter(f"{SVG}title")
     }
 
 
@@ -209,9 +209,9 @@ def test_nodes_of_several_fingers_are_stacks_with_titles():
     "text", ['<b> & "c"', "\x00\x1b", "\ud800", "]]>", "\ufffe", "$a$ $b", "触"]
 )
 def test_no_name_breaks_the_picture(text):
-    one = box(text, text)
+    only = box(text, text)
     wire = Wire(source=0, targets=(0,), labels=(text,), title=text, latched=True)
-    ElementTree.fromstring(draw_svg(Sketch((one,), (wire,), (one,)), text))
+    ElementTree.fromstring(draw_svg(Sketch((only,), (wire,), (only,)), text))
 
 
 TWO = Sketch(
@@ -249,7 +249,7 @@ def test_wiring_is_written_for_mermaid_and_graphviz():
     ]
 
 
-def test_launch_verb_draws_and_starts_nothing(here, call, refusal):
+def test_launch_with_graph_draws_and_starts_nothing(here, call, refusal):
     begins = {"w.svg": "<svg ", "w.mmd": "flowchart LR\n", "w.dot": "digraph {\n"}
     for name, begin in begins.items():
         assert call("launch explore.yaml fingers:=2 --graph", name).code == 0
@@ -268,10 +268,12 @@ def test_launch_verb_draws_and_starts_nothing(here, call, refusal):
 def test_documentation_shows_the_shipped_graph(call):
     page = (DOCS / "docs" / "figures" / "graph.svg").read_text(encoding="utf-8")
     printed = call("launch explore.yaml --graph").out
-    one, other = (
+    from_command, from_page = (
         [text.text for text in ElementTree.fromstring(picture).iter(f"{SVG}text")]
         for picture in (printed, page)
     )
-    assert one == other and {"simulator", "/touch/raw", "recorder: subscribes to every topic"} < {
-        *one
-    }
+    assert from_command == from_page and {
+        "simulator",
+        "/touch/raw",
+        "recorder: subscribes to every topic",
+    } < {*from_command}

@@ -41,7 +41,7 @@ CHECKED = (
     planner_touches_check,
 )
 CHECKS = [(one, name) for one in CHECKED for name in vars(one) if name.startswith("test_")]
-LONG = ("test_its_frames_become_the_ball",)
+LONG = ("test_solid_of_the_frames_is_the_ball",)
 FILES = {
     "node": ("my_node.py", "test_my_node.py", "my_node.yaml"),
     "driver": ("my_driver.py", "test_my_driver.py", "my_driver.yaml"),
@@ -66,7 +66,7 @@ def pytest_in(*words):
 
 
 @pytest.mark.slow
-def test_what_is_begun_passes_its_own_tests(here):
+def test_new_modules_pass_their_tests(here):
     for kind, names in FILES.items():
         begun, named = begin(kind.partition("_")[0], f"my_{kind}", here, kind)
         assert tuple(path.name for path in begun) == names
@@ -97,8 +97,8 @@ def test_tests_of_templates_fail_for_wrong_code(monkeypatch):
     monkeypatch.setattr(node_check, "NODE", wrong)
     monkeypatch.setattr(planner_check, "Template", Metres)
     for check in (
-        node_check.test_each_place_that_bends_more_than_all_before_is_told,
-        node_check.test_the_launch_file_may_say_what_is_little,
+        node_check.test_each_larger_curvature_is_published,
+        node_check.test_smallest_curvature_is_a_parameter,
         planner_check.test_the_plan_in_millimetres_is_the_plan_in_metres,
         planner_check.test_the_budget_is_kept,
         planner_check.test_everything_a_pad_can_touch_is_touched,
@@ -108,7 +108,7 @@ def test_tests_of_templates_fail_for_wrong_code(monkeypatch):
 
 
 @pytest.mark.slow
-def test_what_is_begun_is_free_of_complaints(tmp_path):
+def test_new_modules_pass_ruff_and_mypy(tmp_path):
     begun = [*begin("node", "my_node", tmp_path)[0], *begin("driver", "my_driver", tmp_path)[0]]
     modules = [path.name for path in begun if path.suffix == ".py"]
     # As if it were installed from a wheel: mypy does not follow what is installed for editing.
@@ -158,10 +158,10 @@ def test_nothing_is_overwritten_or_half_written(kind, tmp_path):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_verb_prints_files_and_commands_that_work(kind, here, call):
-    told = call(f"init {kind} printed").out
-    assert re.match(r"printed\.py[^:]*: written", told)
-    commands = re.findall(r"python -m .+|palpate (?!in ).+", told)
+def test_init_prints_working_commands(kind, here, call):
+    text = call(f"init {kind} printed").out
+    assert re.match(r"printed\.py[^:]*: written", text)
+    commands = re.findall(r"python -m .+|palpate (?!in ).+", text)
     assert len(commands) == {"effect": 1, "planner": 1}.get(kind, 3)
     for command in commands:
         program, *words = shlex.split(command)
@@ -173,23 +173,23 @@ def test_verb_prints_files_and_commands_that_work(kind, here, call):
         assert words[0] == "launch" or (words[1] == "echo" and words[2] in graph.topics())
     if kind in ("effect", "planner"):
         key = {"effect": "effects", "planner": "explore"}[kind]
-        lines = told.split(f"{key}:\n")[1]
+        lines = text.split(f"{key}:\n")[1]
         (here / "scene.yaml").write_text(f"{BALL}{key}:\n{lines}")
         assert call("scene check scene.yaml").code == 0
     assert call(f"init {kind} printed").code == 2
 
 
 @pytest.mark.slow
-def test_begun_node_publishes_a_type_of_its_own_in_a_run(here, call):
+def test_new_node_publishes_its_own_type_in_a_run(here, call):
     (*_, launch), _ = begin("node", "bends", here)
     budget = ["--set", "planner.most_touches=30", "--set", "bends.least=1.0"]
     command = ["--composed", "--quiet", "--out", "out", *budget]
     assert call("launch", launch, "scene:=sphere", *command).code in (0, 1)
     from bends import Bends
 
-    told = recorded(here / "out", "/bends", Bends)
+    messages = recorded(here / "out", "/bends", Bends)
     patches = recorded(here / "out", "/touch/patch", SurfacePatch)
-    assert told[-1].curvature == max(one.k1 for one in patches if one.kind == "smooth")
+    assert messages[-1].curvature == max(one.k1 for one in patches if one.kind == "smooth")
     with pytest.raises(ValueError, match="/bends holds Bends, which palpate does not have; name"):
         recorded(here / "out", "/bends")
 
@@ -199,8 +199,8 @@ def test_planner_of_single_touches_explores_without_slices(here, call):
     assert call("init planner --touches pokes").code == 0
     asked = "--set planner.planner=pokes:Pokes --touches 32 --composed --quiet --out out"
     assert call(f"run sphere {asked}").code in (0, 1)
-    found = json.loads((here / "out" / "summary.json").read_text())
-    assert (found["contours"], found["touches"], found["method"]) == (1, 32, "general")
+    summary = json.loads((here / "out" / "summary.json").read_text())
+    assert (summary["contours"], summary["touches"], summary["method"]) == (1, 32, "general")
     assert 5 < len(recorded(here / "out", "/probe/traced")) < 32
 
 

@@ -43,7 +43,7 @@ def table(here):
 
 
 @pytest.fixture
-def told(call):
+def printed(call):
     """What the verb prints, in one line."""
 
     def do(*words):
@@ -63,9 +63,9 @@ MM = ("--unit", "mm")
 TOUCHED = (*MM, "--top", 50, "--bottom", -50)
 
 
-def test_every_file_is_written_in_its_unit(table, here, told):
+def test_every_file_is_written_in_its_unit(table, here, printed):
     names = ["a.ply", "a.stl", "a.glb", "a.obj", "a.3mf", "a.npz"]
-    text = told(table, *TOUCHED, *(part for name in names for part in ("-o", name)))
+    text = printed(table, *TOUCHED, *(part for name in names for part in ("-o", name)))
     assert all(f"wrote {name}" in text for name in names)
     assert sorted(path.name for path in here.iterdir()) == sorted([*names, "points.csv"])
     shapes = [read_mesh_or_points(here / name, None) for name in names if name != "a.3mf"]
@@ -76,11 +76,11 @@ def test_every_file_is_written_in_its_unit(table, here, told):
         assert mesh.volume == pytest.approx(4 / 3 * np.pi * 0.03 * 0.024 * 0.05, rel=0.01)
 
 
-def test_bad_points_and_contours_are_told(table, here, told):
+def test_bad_points_and_contours_are_reported(table, here, printed):
     lines = table.read_text().splitlines()
     lines[5] = "nan," + lines[5].split(",", 1)[1]
     table.write_text("\n".join([*lines, "1,1,90,77", "2,2,90,77"]))
-    text = told(table, *MM)
+    text = printed(table, *MM)
     for words in (
         "11 contours, 301 points, unit mm",
         "left out 1 point not finite, line 6",
@@ -92,44 +92,44 @@ def test_bad_points_and_contours_are_told(table, here, told):
     star = (1.0 + 0.9 * np.cos(5 * TURN))[:, None]  # odd, but used
     rings = {n + 17: np.column_stack([CIRCLE, np.full(30, n / 3)]) for n in range(4)}
     rings[19][:, :2] = star * CIRCLE + [0.8, 0.0]
-    assert "warning contour 19 (lines 62 to 91)" in told(write_contours(here / "odd.csv", rings))
+    assert "warning contour 19 (lines 62 to 91)" in printed(write_contours(here / "odd.csv", rings))
 
 
 @pytest.mark.slow
-def test_untouched_and_missed_ends_are_doubted(table, here, told):
+def test_untouched_and_missed_ends_are_doubted(table, here, printed):
     rings = {
         f"contour_{i}": np.column_stack([CIRCLE, np.full(30, 0.1 + 0.1 * i)]) for i in range(9)
     }
     np.savez(here / "tin.npz", **rings)
-    text = told("tin.npz")
+    text = printed("tin.npz")
     assert "unit m (assumed; if not, give --unit)" in text
     assert "--bottom or --tops says where" in text and "--top or --tops says where" in text
     (here / "tops.csv").write_text("0 0 0\n0 0 1\n")
-    assert "says where" not in told("tin.npz", "--tops", "tops.csv")
-    text = told(table, *MM, "--top", 100, "--bottom", -50)
+    assert "says where" not in printed("tin.npz", "--tops", "tops.csv")
+    text = printed(table, *MM, "--top", 100, "--bottom", -50)
     assert "the top lies 55 mm above the highest contour, where contours are at most 10 mm" in text
     assert "the bottom lies" not in text
-    text = told(table, *TOUCHED, "--method", "thesis")
+    text = printed(table, *TOUCHED, "--method", "thesis")
     assert "the top was touched at z = 50 mm, and the solid ends at 4" in text
     assert "the bottom was touched at z = -50 mm, and the solid ends at -4" in text
 
 
 @pytest.mark.slow
-def test_coarse_figures_are_printed_as_json(table, figures, told):
-    found = figures(table, "--unit", "cm", "--method", "coarse")
+def test_coarse_figures_are_printed_as_json(table, figures, printed):
+    record = figures(table, "--unit", "cm", "--method", "coarse")
     known = {"method": "coarse", "contours": 10, "watertight": True, "error_rms_m": None}
-    assert known.items() <= found.items()
-    assert (found["unit_assumed"], found["written"]) == (False, [])
-    assert found["size_m"] == pytest.approx([0.6, 0.48, 1.0], rel=0.05)
-    assert "m in size when read in m: is the unit right?" in told(table)
+    assert known.items() <= record.items()
+    assert (record["unit_assumed"], record["written"]) == (False, [])
+    assert record["size_m"] == pytest.approx([0.6, 0.48, 1.0], rel=0.05)
+    assert "m in size when read in m: is the unit right?" in printed(table)
     lines = [line for line in table.read_text().splitlines() if not line.endswith((*"56789",))]
     table.write_text("\n".join(lines))  # the lower half
-    assert "the superquadric's fit is" in told(table, *MM, "--method", "coarse")
+    assert "the superquadric's fit is" in printed(table, *MM, "--method", "coarse")
 
 
-def test_control_lattice_is_written(table, here, told):
-    told(table, *MM, "--lattice", "a.npz", "-o", "solid.npz")
-    told(table, *MM, "--lattice", "a.vtk")
+def test_control_lattice_is_written(table, here, printed):
+    printed(table, *MM, "--lattice", "a.npz", "-o", "solid.npz")
+    printed(table, *MM, "--lattice", "a.vtk")
     control = palpate.load(here / "solid.npz").lattice.lattice.control
     with np.load(here / "a.npz") as arrays:
         assert np.array_equal(arrays["control"], control)
@@ -163,7 +163,7 @@ def test_control_lattice_is_written(table, here, told):
         ("--tolerance 1e-9 --unit mm", "--tolerance 1e-09: 1e-09 mm would take more"),
         ("--tolerance nan", "--tolerance nan: must be a finite number"),
         ("--noise inf", "--noise inf: must be a finite number"),
-        ("--noise 1e6 --unit cm", "--noise 1e+06: must be less than the object is"),
+        ("--noise 1e6 --unit cm", "--noise 1e+06: must be less than the size of the object, 90 cm"),
         ("--top inf", "--top inf: must be a finite number"),
     ],
 )
@@ -193,19 +193,19 @@ def test_unusable_files_are_refused(here, refusal):
     assert not (here / "a.ply").exists()
 
 
-def test_surface_through_itself_has_no_stated_error(here, told, figures):
+def test_surface_through_itself_has_no_stated_error(here, printed, figures):
     away = (0.02 + 0.03 * np.cos(TURN))[:, None]  # a limacon, whose inner loop is a second sheet
     rings = {n: np.column_stack([away * CIRCLE, np.full(30, 0.015 * n)]) for n in range(5)}
     path = write_contours(here / "looped.csv", rings)
-    text = told(path, "--unit", "m")
+    text = printed(path, "--unit", "m")
     assert "confidence none: the surface passes through itself" in text
     assert re.search(r"passes through itself: \d+ pairs of triangles cross", text)
-    found = figures(path, "--unit", "m")
-    assert found["self_intersections"] > 0 and found["error_rms_m"] is None
+    record = figures(path, "--unit", "m")
+    assert record["self_intersections"] > 0 and record["error_rms_m"] is None
 
 
-def test_solid_is_saved_and_loaded_bit_for_bit(table, here, told):
-    told(table, *MM, "-o", "first.npz")
+def test_solid_is_saved_and_loaded_bit_for_bit(table, here, printed):
+    printed(table, *MM, "-o", "first.npz")
     solid = palpate.load("first.npz")
     palpate.save(solid, here / "second.npz")
     assert np.array_equal(*map(tree_to_bytes, (solid, load(here / "second.npz"))))
@@ -269,7 +269,7 @@ def tilted(monkeypatch):
     return frame
 
 
-def test_recording_in_a_tilted_frame_gives_a_solid_in_the_world(tilted, here, figures):
+def test_recording_in_tilted_frame_gives_solid_in_world_frame(tilted, here, figures):
     outs = ("-o", "a.ply", "-o", "a.npz", "--lattice", "a.vtk")
     record = figures("a.mcap", "--bottom", "-0.05", "--top", "0.05", *outs)  # along the axis
     assert record["uncovered_m"] == [0.0, 0.0]
@@ -286,8 +286,8 @@ def test_recording_in_a_tilted_frame_gives_a_solid_in_the_world(tilted, here, fi
     assert f"\n{first} " in (here / "a.vtk").read_text()
 
 
-def test_ends_along_a_tilted_axis_are_doubted_by_height(tilted, told, refusal):
-    text = told("a.mcap", "--top", "0.08", "--method", "coarse")
+def test_ends_along_a_tilted_axis_are_doubted_by_height(tilted, printed, refusal):
+    text = printed("a.mcap", "--top", "0.08", "--method", "coarse")
     assert "the top was touched at height 80 mm, and the solid ends at" in text
     beyond = "--top 0.01: must lie beyond the contours, which go from -0.045"
     assert beyond in refusal("rebuild a.mcap --top 0.01")
@@ -323,26 +323,26 @@ def write_torus(path, rows):
 def test_points_with_normals_are_read_from_every_format(here, suffix):
     write_torus(here / "ring.csv", torus(50))
     write_torus(here / f"ring.{suffix}", torus(50))
-    one, other = (read_oriented(here / f"ring.{kind}")[0] for kind in ("csv", suffix))
-    np.testing.assert_allclose(one.points, other.points, atol=1e-5)
-    np.testing.assert_allclose(one.normals, other.normals, atol=1e-6)
+    from_csv, from_suffix = (read_oriented(here / f"ring.{kind}")[0] for kind in ("csv", suffix))
+    np.testing.assert_allclose(from_csv.points, from_suffix.points, atol=1e-5)
+    np.testing.assert_allclose(from_csv.normals, from_suffix.normals, atol=1e-6)
 
 
 @pytest.mark.slow
 def test_points_in_no_order_become_a_solid_with_a_hole(here, figures):
     write_torus(here / "ring.csv", torus(700))
-    found = figures("ring.csv", *GENERAL, "-o", "a.npz", "-o", "a.stl")
-    assert found["genus"] == 1 and found["watertight"] and found["far_share"] < 0.08
-    assert found["volume_m3"] == pytest.approx(2.0 * np.pi**2 * 0.03 * 0.012**2, rel=0.01)
+    record = figures("ring.csv", *GENERAL, "-o", "a.npz", "-o", "a.stl")
+    assert record["genus"] == 1 and record["watertight"] and record["far_share"] < 0.08
+    assert record["volume_m3"] == pytest.approx(2.0 * np.pi**2 * 0.03 * 0.012**2, rel=0.01)
     off = np.abs(load("a.npz").distance([[0.042, 0.0, 0.0], [0.0, 0.03, 0.012]]))
-    assert off.max() < found["error_bound_95_m"] < 5e-4
+    assert off.max() < record["error_bound_95_m"] < 5e-4
 
 
 @pytest.mark.slow
-def test_parts_far_from_any_point_are_told(here, told):
+def test_surface_far_from_all_points_gives_warning(here, printed):
     rows = torus(700)
     write_torus(here / "half.npz", rows[rows[:, 0] > -10.0])
-    assert "of the surface lies over 5 mm from any point" in told("half.npz", *GENERAL)
+    assert "of the surface lies over 5 mm from any point" in printed("half.npz", *GENERAL)
 
 
 @pytest.mark.parametrize(
@@ -363,7 +363,7 @@ def test_points_without_a_general_solid_are_refused(here, refusal, header, optio
 
 @pytest.mark.slow
 def test_run_gives_all_its_touches_to_the_general_method(run_folder, figures, refusal):
-    found = figures(run_folder, "--method", "general")
-    assert found["watertight"] and not found["unit_assumed"]
-    assert found["volume_m3"] == pytest.approx(4.0 / 3.0 * np.pi * 0.03**3, rel=0.05)
+    record = figures(run_folder, "--method", "general")
+    assert record["watertight"] and not record["unit_assumed"]
+    assert record["volume_m3"] == pytest.approx(4.0 / 3.0 * np.pi * 0.03**3, rel=0.05)
     assert "recordings are in m" in refusal("rebuild", run_folder, *GENERAL)

@@ -29,16 +29,16 @@ def lines(write):
     ).splitlines()
 
 
-def test_scene_is_told_with_its_effects_in_order(lines):
+def test_scene_text_lists_effects_in_order(lines):
     plain = lines("")
     assert plain[-1] == "simulated  exact contact, and no effects"
     assert "16 x 16 taxels, pitch 1 mm; pad domed 15 mm, 3 mm thick;" in " ".join(plain)
-    found = lines("effects:\n  - drift\n  - gaussian_noise: {sigma: 2.0e-6}\n  - pose_error\n")
-    assert [line.split()[1] for line in found[3:]] == ["pose_error", "drift", "gaussian_noise"]
-    assert found[-1].split(maxsplit=2) == ["signal", "gaussian_noise", "sigma 2e-06 m"]
-    every = lines("effects:\n" + "".join(f"  - {name}\n" for name in reversed(EFFECT_NAMES)))
-    assert [line.split()[1] for line in every[3:] if line[2] != " "] == [*EFFECT_NAMES]
-    assert max(map(len, every)) <= 80
+    some_lines = lines("effects:\n  - drift\n  - gaussian_noise: {sigma: 2.0e-6}\n  - pose_error\n")
+    assert [line.split()[1] for line in some_lines[3:]] == ["pose_error", "drift", "gaussian_noise"]
+    assert some_lines[-1].split(maxsplit=2) == ["signal", "gaussian_noise", "sigma 2e-06 m"]
+    all_lines = lines("effects:\n" + "".join(f"  - {name}\n" for name in reversed(EFFECT_NAMES)))
+    assert [line.split()[1] for line in all_lines[3:] if line[2] != " "] == [*EFFECT_NAMES]
+    assert max(map(len, all_lines)) <= 80
 
 
 def test_page_and_list_have_every_effect_and_parameter():
@@ -65,7 +65,7 @@ def test_page_and_list_have_every_effect_and_parameter():
         (1.5, r"3 x 3 x 3 m .* touches, \d+ min .* GB; at most"),
     ],
 )
-def test_what_takes_too_long_is_refused_beforehand(write, radius, refusal):
+def test_too_long_explorations_are_refused_before_start(write, radius, refusal):
     place = f"pose: {{position: [0, 0, {radius}]}}"
     text = f"object: {{sphere: {{radius: {radius}}}, {place}}}\nexplore: {{tolerance: 1e-3}}\n"
     scene = str(write("ball.yaml", text))

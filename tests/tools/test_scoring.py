@@ -31,31 +31,31 @@ def saved(tmp_path):
 
 
 def test_solid_has_no_distance_from_itself(saved, tmp_path, tetrahedron):
-    found = score(saved("a.ply"), saved("b.ply"))
-    assert found["chamfer_m"] < 1e-15 and found["hausdorff_m"] < 1e-14
-    assert found["volume_error"] == pytest.approx(0.0, abs=1e-12)
-    assert (found["watertight"], found["genus"], found["self_intersections"]) == (True, 0, 0)
-    assert (found["one_sided"], found["aligned"], found["pose"]) == (False, False, None)
+    record = score(saved("a.ply"), saved("b.ply"))
+    assert record["chamfer_m"] < 1e-15 and record["hausdorff_m"] < 1e-14
+    assert record["volume_error"] == pytest.approx(0.0, abs=1e-12)
+    assert (record["watertight"], record["genus"], record["self_intersections"]) == (True, 0, 0)
+    assert (record["one_sided"], record["aligned"], record["pose"]) == (False, False, None)
     files = export_model(tetrahedron, tmp_path)
     assert len(files) == 4
     for name in files:
-        found = score(tmp_path / name, tmp_path / files[0])
-        assert found["hausdorff_m"] < 1e-8 and found["same_order_of_size"]
+        record = score(tmp_path / name, tmp_path / files[0])
+        assert record["hausdorff_m"] < 1e-8 and record["same_order_of_size"]
 
 
 def test_distances_grow_with_the_difference(saved):
-    found = score(saved("a.ply", 1.02), saved("b.ply"))
-    assert 0.0004 < found["chamfer_m"] < found["rms_m"] < found["p95_m"] < found["hausdorff_m"]
-    assert found["hausdorff_m"] < 0.002 and found["chamfer_m"] < 0.001
-    assert found["volume_error"] == pytest.approx(1.02**3 - 1.0, rel=1e-6)
-    assert 0.0 < found["sampling_floor_m"] < found["chamfer_m"]
-    assert found["size_m"] == pytest.approx(0.06)
+    record = score(saved("a.ply", 1.02), saved("b.ply"))
+    assert 0.0004 < record["chamfer_m"] < record["rms_m"] < record["p95_m"] < record["hausdorff_m"]
+    assert record["hausdorff_m"] < 0.002 and record["chamfer_m"] < 0.001
+    assert record["volume_error"] == pytest.approx(1.02**3 - 1.0, rel=1e-6)
+    assert 0.0 < record["sampling_floor_m"] < record["chamfer_m"]
+    assert record["size_m"] == pytest.approx(0.06)
 
 
 @pytest.mark.slow
 def test_reference_is_read_in_its_unit(saved):
-    found = score(saved("a.ply"), saved("b.ply", 100.0), reference_unit="cm")
-    assert found["hausdorff_m"] < 1e-7 and found["reference_unit"] == "cm"
+    record = score(saved("a.ply"), saved("b.ply", 100.0), reference_unit="cm")
+    assert record["hausdorff_m"] < 1e-7 and record["reference_unit"] == "cm"
     wrong = score(saved("a.ply"), saved("b.stl"), reference_unit="mm")  # written in m
     assert not wrong["same_order_of_size"]
     assert "warning    their sizes differ widely: see --unit" in score_text(wrong)
@@ -63,17 +63,17 @@ def test_reference_is_read_in_its_unit(saved):
 
 @pytest.mark.slow
 def test_aligned_files_may_lie_anywhere(saved, tmp_path):
-    found = score(saved("a.ply", 1.0, 0.7), saved("b.ply"), aligned=True)
-    assert found["hausdorff_m"] < 1e-7 and found["alignment_rms_m"] < 1e-7
-    assert not found["alignment_ambiguous"]
+    record = score(saved("a.ply", 1.0, 0.7), saved("b.ply"), aligned=True)
+    assert record["hausdorff_m"] < 1e-7 and record["alignment_rms_m"] < 1e-7
+    assert not record["alignment_ambiguous"]
     axis = -np.array([1, 2, 3]) / np.sqrt(14) * np.sin(0.35)
-    assert found["pose"] == pytest.approx([0, 0, 0, *axis, np.cos(0.35)], abs=1e-6)
-    assert "turned by 40.11 deg" in score_text(found)
+    assert record["pose"] == pytest.approx([0, 0, 0, *axis, np.cos(0.35)], abs=1e-6)
+    assert "turned by 40.11 deg" in score_text(record)
     trimesh.Trimesh(BALL.vertices * SIZE, BALL.faces).export(tmp_path / "c.ply")  # symmetric
-    found = score(tmp_path / "c.ply", tmp_path / "c.ply", aligned=True)
-    assert found["alignment_ambiguous"]
-    assert found["pose"] == pytest.approx([0, 0, 0, 0, 0, 0, 1], abs=1e-9)
-    assert "warning    another pose fits as well" in score_text(found)
+    record = score(tmp_path / "c.ply", tmp_path / "c.ply", aligned=True)
+    assert record["alignment_ambiguous"]
+    assert record["pose"] == pytest.approx([0, 0, 0, 0, 0, 0, 1], abs=1e-9)
+    assert "warning    another pose fits as well" in score_text(record)
 
 
 @pytest.mark.parametrize("aligned", [False, True])
@@ -81,37 +81,39 @@ def test_distances_from_points_are_one_sided(saved, tmp_path, aligned):
     path = saved("b.ply", 1.02, 0.3 if aligned else 0.0)
     points = np.asarray(trimesh.load(path, process=False).vertices)[::3]
     np.savetxt(tmp_path / "p.csv", 1000 * points, delimiter=",", header="x,y,z", comments="")
-    found = score(saved("a.ply", 1.02), tmp_path / "p.csv", reference_unit="mm", aligned=aligned)
-    assert found["one_sided"] and found["points"] == len(points)
-    assert found["chamfer_m"] is found["volume_error"] is found["sampling_floor_m"] is None
-    assert found["mean_m"] <= found["rms_m"] <= found["hausdorff_m"] < 1e-7
-    assert "one-sided  from 214 points to the model, not back" in score_text(found)
+    record = score(saved("a.ply", 1.02), tmp_path / "p.csv", reference_unit="mm", aligned=aligned)
+    assert record["one_sided"] and record["points"] == len(points)
+    assert record["chamfer_m"] is record["volume_error"] is record["sampling_floor_m"] is None
+    assert record["mean_m"] <= record["rms_m"] <= record["hausdorff_m"] < 1e-7
+    assert "one-sided  from 214 points to the model, not back" in score_text(record)
     if aligned:  # the model's pose in the points' frame
-        assert found["pose"][6] == pytest.approx(np.cos(0.15), abs=1e-6) and found["pose"][3] > 0.0
+        assert (
+            record["pose"][6] == pytest.approx(np.cos(0.15), abs=1e-6) and record["pose"][3] > 0.0
+        )
     trimesh.PointCloud(points).export(tmp_path / "p.ply")
     cloud = score(saved("a.ply", 1.02), tmp_path / "p.ply", aligned=aligned)
     assert cloud["points"] == len(points) and cloud["hausdorff_m"] < 1e-7
 
 
 def test_open_turned_and_crossing_surfaces_are_compared(saved, tmp_path):
-    found = score(saved("a.ply"), saved("b.ply", faces=BALL.faces[:-40]))
-    assert found["volume_error"] is None and 0.0 < found["chamfer_m"] < 0.001
-    assert "volume not known" in score_text(found)
-    found = score(saved("a.ply", faces=BALL.faces[:, ::-1]), saved("b.ply"))  # inside out
-    assert found["normal_deg"] < 1e-3
-    assert found["volume_error"] == pytest.approx(0.0, abs=1e-9)
+    record = score(saved("a.ply"), saved("b.ply", faces=BALL.faces[:-40]))
+    assert record["volume_error"] is None and 0.0 < record["chamfer_m"] < 0.001
+    assert "volume unknown" in score_text(record)
+    record = score(saved("a.ply", faces=BALL.faces[:, ::-1]), saved("b.ply"))  # inside out
+    assert record["normal_deg"] < 1e-3
+    assert record["volume_error"] == pytest.approx(0.0, abs=1e-9)
     other = BALL.copy().apply_scale(0.03)
     two = trimesh.util.concatenate([other, other.copy().apply_translation([0.04, 0.002, 0.001])])
     two.export(tmp_path / "two.ply")
     assert score(tmp_path / "two.ply", saved("b.ply"))["self_intersections"] > 0
 
 
-def test_score_verb_prints_a_table_or_json(saved, call, refusal):
+def test_score_command_prints_table_or_json(saved, call, refusal):
     code, out, err = call("score", saved("a.ply", 1.02), saved("b.ply"))
     assert (code, err) == (0, "") and "distance   chamfer 0." in out
     assert "sampling floor" in out and "watertight yes" in out
-    found = json.loads(call("score", saved("a.ply"), saved("b.ply"), "--json").out)
-    assert found["chamfer_m"] < 1e-15 and found["mean_m"] is None
+    record = json.loads(call("score", saved("a.ply"), saved("b.ply"), "--json").out)
+    assert record["chamfer_m"] < 1e-15 and record["mean_m"] is None
     for words, fragment in (
         ("", "Missing argument 'MODEL'"),
         ("a.ply", "Missing argument 'REFERENCE'"),
@@ -136,9 +138,9 @@ SIX = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 0], [1, 0, 1]
     ],
 )
 def test_points_are_read_however_the_table_is_written(write, text):
-    found = read_mesh_or_points(write("p.csv", text), "cm")
-    np.testing.assert_allclose(found.vertices, SIX / 100)
-    assert found.faces.shape == (0, 3)
+    read = read_mesh_or_points(write("p.csv", text), "cm")
+    np.testing.assert_allclose(read.vertices, SIX / 100)
+    assert read.faces.shape == (0, 3)
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,7 @@
-"""What a recording holds, its longest whole beginning saved anew, and in what two differ.
+"""Contents of a recording, recovery of its intact beginning, and differences of two recordings.
 
-The stock tool's recover leaves files that cannot be read; here the copy is read again and compared
-before it is put in place. Of two recordings digests alone are held.
+The recover command of mcap leaves files that cannot be read; here the copy is read again and
+compared before it is put in place. Two recordings are compared by digests, to save memory.
 """
 
 from __future__ import annotations
@@ -24,11 +24,8 @@ from palpate.messages import first_difference, recording
 from palpate.messages.types import TYPES
 from palpate.nodes.runtime.node import recorded_nodes
 
-DIGEST_BYTES = 16  # So many that no two messages are taken for each other by chance
-MessageKey = tuple[int, str, int]  # When it was sent, ns, its topic and its number
-MAX_VALUE_LENGTH = 60  # Characters of a value that is shown whole
-FEW = 12  # Entries of a metadata record that are named one by one
-RECOVERED_RECORD = "recovered"  # Name of the metadata record that says where a copy comes from
+MessageKey = tuple[int, str, int]  # time of sending [ns], topic and sequence number
+RECOVERED_RECORD = "recovered"  # name of the metadata record about the source of a copy
 
 
 class BagTopic(TypedDict):
@@ -38,37 +35,40 @@ class BagTopic(TypedDict):
     type: str
     publisher: str
     messages: int
-    bytes: int  # Of the messages, unpacked
-    share: float  # Of the bytes of all messages
+    bytes: int  # of the messages, uncompressed
+    share: float  # of the bytes of all messages
 
 
 class BagInfo(TypedDict):
-    """What a recording holds."""
+    """Contents of a recording."""
 
     path: str
-    parts: list[dict[str, Any]]  # Of each file its path, its bytes, and whether it was closed
+    parts: list[dict[str, Any]]  # path and bytes of each file, and whether it was closed
     bytes: int
-    version: str  # Version of palpate that wrote it
+    version: str  # of palpate, that wrote it
     closed: bool
-    end: dict[str, Any] | None  # Where and why it ends before it was closed: file, byte, reason
-    duration_s: float  # From the first message to the last, by the time at which they were sent
+    end: dict[str, Any] | None  # file, byte and reason, if it ends before it was closed
+    duration_s: float  # between sending the first message and the last
     messages: int
     topics: list[BagTopic]
-    metadata: dict[str, dict[str, str | int]]  # By record and name, the value, or how long it is
+    metadata: dict[str, dict[str, str | int]]  # by record and name: the value, or its length
     nodes: list[str]
 
 
 def bag_info(bag: Path) -> BagInfo:
-    """Go through a recording up to its end or first damage; InputError if nothing can be read."""
+    """Read a recording up to its end or first damage.
+
+    Raises InputError if nothing can be read.
+    """
     path = find_bag(bag)
     prefix = recording.ReadablePrefix(path)
     topics, metadata, (first, last) = _tallied(prefix)
     end, parts, about = prefix.end, recording.parts_of(path), metadata.get(recording.ABOUT)
     if about is None:
         raise InputError(f"{end.part}: cannot be read as a recording: it {end.why}")
-    total = sum(one["bytes"] for one in topics.values())
-    for one in topics.values():
-        one["share"] = one["bytes"] / total if total else 0.0
+    total = sum(topic["bytes"] for topic in topics.values())
+    for topic in topics.values():
+        topic["share"] = topic["bytes"] / total if total else 0.0
     return BagInfo(
         path=str(path),
         parts=[
@@ -80,26 +80,27 @@ def bag_info(bag: Path) -> BagInfo:
         closed=not end.why,
         end={"path": str(end.part), "byte": end.byte, "why": end.why} if end.why else None,
         duration_s=1e-9 * (last - first),
-        messages=sum(one["messages"] for one in topics.values()),
-        topics=sorted(topics.values(), key=lambda one: one["topic"]),
+        messages=sum(topic["messages"] for topic in topics.values()),
+        topics=sorted(topics.values(), key=lambda topic: topic["topic"]),
         metadata={name: _short(values) for name, values in metadata.items()},
         nodes=_nodes(about.get("graph", "")),
     )
 
 
-def _short(values: dict[str, str]) -> dict[str, str | int]:
+def _short(values: dict[str, str], max_length: int = 60) -> dict[str, str | int]:
+    """Values by name; the length of a value that is long or has several lines."""
     return {
         printable(name): len(value)
-        if len(value) > MAX_VALUE_LENGTH or "\n" in value
+        if len(value) > max_length or "\n" in value
         else printable(value)
         for name, value in values.items()
     }
 
 
 def _nodes(graph: str) -> list[str]:
-    """Names of the nodes; none if the recording does not say."""
+    """Names of the nodes; empty if the recording has no graph."""
     try:
-        return [printable(one.name) for one in recorded_nodes(graph.encode())] if graph else []
+        return [printable(node.name) for node in recorded_nodes(graph.encode())] if graph else []
     except ValueError:
         return []
 
@@ -107,11 +108,11 @@ def _nodes(graph: str) -> list[str]:
 def _tallied(
     records: Iterable[recording.LocatedRecord],
 ) -> tuple[dict[str, BagTopic], dict[str, dict[str, str]], tuple[int, int]]:
-    """Topics and metadata by name, and when the first message and the last were sent, ns."""
+    """Topics and metadata by name, and times of sending of the first and last message [ns]."""
     topics: dict[str, BagTopic] = {}
     metadata: dict[str, dict[str, str]] = {}
     span: tuple[int, int] | None = None
-    for record, channel, schema in ((one.record, one.channel, one.schema) for one in records):
+    for record, channel, schema in ((some.record, some.channel, some.schema) for some in records):
         if isinstance(record, Message):
             assert channel is not None
             topics[channel.topic]["messages"] += 1
@@ -120,7 +121,7 @@ def _tallied(
             span = min(first, record.publish_time), max(last, record.publish_time)
         elif isinstance(record, Channel):
             assert schema is not None
-            # A topic may have another one for each start of its publisher.
+            # A topic has a channel for each start of its publisher.
             publisher = printable(record.metadata.get("publisher", ""))
             about = BagTopic(
                 topic=record.topic,
@@ -137,12 +138,12 @@ def _tallied(
 
 
 def printable(text: str) -> str:
-    """A text out of a file as it can be shown: in one line, without anything that steers."""
+    """A text from a file as one line without control characters."""
     return text if text.isprintable() else repr(text)
 
 
 def info_text(info: BagInfo) -> str:
-    """All that is known of a recording, and a table of its topics."""
+    """Lines about a recording, and a table of its topics."""
     parts = [
         f"{part['path']}, {size_text(part['bytes'])}{'' if part['closed'] else ', not closed'}"
         for part in info["parts"]
@@ -167,15 +168,15 @@ def info_text(info: BagInfo) -> str:
             values = {topic: lacks for topic, lacks in values.items() if lacks != "0"}
         lines += titled("metadata", f"{name}: {_entries(values)}")
     rows = [("topic", "type", "publisher", "messages", "bytes", "share")]
-    for one in info["topics"]:
-        size, share = size_text(one["bytes"]), f"{100.0 * one['share']:.1f} %"
-        counts = str(one["messages"]), size, share
-        rows.append((one["topic"], one["type"], one["publisher"], *counts))
+    for topic in info["topics"]:
+        size, share = size_text(topic["bytes"]), f"{100.0 * topic['share']:.1f} %"
+        counts = str(topic["messages"]), size, share
+        rows.append((topic["topic"], topic["type"], topic["publisher"], *counts))
     return "\n".join([*lines, "", *text_table(rows, right=(3, 4, 5))])
 
 
-def _entries(values: dict[str, str | int]) -> str:
-    if len(values) > FEW:
+def _entries(values: dict[str, str | int], max_named: int = 12) -> str:
+    if len(values) > max_named:
         return f"{len(values)} entries"
     return (
         ", ".join(
@@ -187,38 +188,38 @@ def _entries(values: dict[str, str | int]) -> str:
 
 
 class Recovered(NamedTuple):
-    """What was saved."""
+    """A recovered recording."""
 
-    path: Path  # The new recording
-    parts: tuple[Path, ...]  # The files that it was made of
-    counts: dict[str, int]  # Messages by topic
-    end: recording.RecordingEnd  # Where the whole records end
+    path: Path  # of the new recording
+    parts: tuple[Path, ...]  # files that it was made of
+    counts: dict[str, int]  # messages by topic
+    end: recording.RecordingEnd  # of the intact records
 
     def figures(self) -> dict[str, Any]:
-        """The same, ready for JSON."""
+        """The fields as JSON values."""
         part, byte, why = self.end
         return {
             "path": str(self.path),
-            "parts": [str(one) for one in self.parts],
+            "parts": [*map(str, self.parts)],
             "messages": self.counts,
             "end": {"path": str(part), "byte": byte, "why": why},
         }
 
 
 def recover_recording(bag: Path, out: Path | None = None) -> Recovered:
-    """Write all that is whole of a recording into a new file, or into ``NAME.recovered.mcap``.
+    """Copy the intact beginning of a recording into a file, by default ``NAME.recovered.mcap``.
 
-    Raises InputError if nothing can be saved, or the new file exists or cannot be written.
+    Raises InputError if nothing is intact, or the new file exists or cannot be written.
     """
     source = find_bag(bag)
     target = out or source.with_name(f"{source.stem}.{RECOVERED_RECORD}{source.suffix}")
     check_new(target)
     further = recording.part_path(target, 1)
     if further.exists():
-        raise InputError(f"{further}: would be taken for a part of {target}; take it away")
-    saved: list[Recovered] = []
-    write_new(target, lambda part: saved.append(_copy(source, part)))
-    return saved[0]._replace(path=target)
+        raise InputError(f"{further}: would be taken for a part of {target}; move it away")
+    copies: list[Recovered] = []
+    write_new(target, lambda part: copies.append(_copy(source, part)))
+    return copies[0]._replace(path=target)
 
 
 def _copy(source: Path, target: Path) -> Recovered:
@@ -230,7 +231,7 @@ def _copy(source: Path, target: Path) -> Recovered:
         if not copy.counts:
             ends = f"its end: it {why}" if why else "its end"
             raise InputError(f"{part}: nothing can be recovered: no message comes before {ends}")
-        names = " ".join(printable(one.name) for one in parts)
+        names = " ".join(printable(some.name) for some in parts)
         about = {"from": names, "to": f"{printable(part.name)}, byte {byte}"}
         copy.close(RECOVERED_RECORD, about | {"why": why})
     finally:
@@ -239,55 +240,52 @@ def _copy(source: Path, target: Path) -> Recovered:
     return Recovered(target, parts, dict(copy.counts), prefix.end)
 
 
-def recovered_text(saved: Recovered) -> str:
-    """What was saved, and what was not, in a line for each."""
-    part, byte, why = saved.end
+def recovered_text(recovered: Recovered) -> str:
+    """A line about a recovered recording, and the part of the source that it has."""
+    path, parts, counts, (part, byte, why) = recovered
     if not why:
-        what = "all that there was"
+        extent = "all that there was"
     elif byte == part.stat().st_size:
-        what = f"all that there is in {part.name}, which {why}"
+        extent = f"all that there is in {part.name}, which {why}"
     else:
-        what = f"up to byte {byte} of {part.name}, which {why}"
-    of = f", of {len(saved.parts)} files" if len(saved.parts) > 1 else ""
-    return (
-        f"{saved.path}: {sum(saved.counts.values())} messages on {len(saved.counts)} topics{of}; "
-        f"that is {what}"
-    )
+        extent = f"up to byte {byte} of {part.name}, which {why}"
+    of = f", of {len(parts)} files" if len(parts) > 1 else ""
+    return f"{path}: {sum(counts.values())} messages on {len(counts)} topics{of}; that is {extent}"
 
 
 @dataclass(slots=True)
 class TopicDiff:
-    """The messages of one topic, counted."""
+    """Counts of the messages of one topic in two recordings."""
 
-    compared: int = 0  # Messages that are in both recordings
-    differ: int = 0  # Messages of them that differ
-    only_a: int = 0  # Messages that the second recording lacks
-    only_b: int = 0  # Messages that the first recording lacks
+    compared: int = 0  # in both
+    differ: int = 0  # in both, with different contents
+    only_a: int = 0
+    only_b: int = 0
 
     @property
     def identical(self) -> bool:
-        """Whether both recordings have the same of this topic."""
+        """Whether both recordings have the same messages of this topic."""
         return not (self.differ or self.only_a or self.only_b)
 
 
 @dataclass(frozen=True, slots=True)
 class RecordingDiff:
-    """How two recordings compare."""
+    """Differences of two recordings."""
 
-    topics: dict[str, TopicDiff]  # By topic, in the order of their names
-    first: str  # The first message that differs, in words; empty if none does
-    unfinished: tuple[Path, ...]  # Recordings of the two that were never closed
+    topics: dict[str, TopicDiff]  # by topic, sorted by name
+    first: str  # the first message that differs, in words; empty if none does
+    unfinished: tuple[Path, ...]  # those of the two that were never closed
 
     def figures(self) -> dict[str, Any]:
-        """The same, ready for JSON."""
+        """The fields as JSON values."""
         return asdict(self) | {"unfinished": [str(path) for path in self.unfinished]}
 
 
 def compare_recordings(a: Path, b: Path, topics: Sequence[str] = ()) -> RecordingDiff:
-    """Compare two recordings by topic and sequence; all topics if none is named.
+    """Compare two recordings by topic and sequence number; all topics if none is named.
 
-    Neither runs, restarts and times matter, nor in which order messages of different topics came.
-    Raises ValueError if one cannot be read or is out of order, or neither has one of the topics.
+    Differences in run, restarts, times, and order between topics are ignored. Raises ValueError if
+    a recording cannot be read or is out of order, or neither has one of the topics.
     """
     both = recording.open_recording(find_bag(a)), recording.open_recording(find_bag(b))
     known = {*both[0].counts, *both[1].counts}
@@ -296,15 +294,15 @@ def compare_recordings(a: Path, b: Path, topics: Sequence[str] = ()) -> Recordin
             raise ValueError(f"neither recording has a topic {topic!r}; {hint(topic, known)}")
     counts = {topic: TopicDiff() for topic in sorted(topics or known)}
     first = _count(*both, counts)
-    unfinished = tuple(one.path for one in both if not one.closed)
+    unfinished = tuple(bag.path for bag in both if not bag.closed)
     return RecordingDiff(counts, _difference_text(first, *both) if first else "", unfinished)
 
 
 def _count(
     a: recording.Recording, b: recording.Recording, counts: dict[str, TopicDiff]
 ) -> MessageKey | None:
-    """Count what differs, and find the first of it: in `a`, or else what only `b` has."""
-    of_b = {(one.topic, one.seq): (one.sent_ns, _digest(one)) for one in _messages(b, counts)}
+    """Count differences, and return the first: in `a`, or else the first that only `b` has."""
+    of_b = {(kept.topic, kept.seq): (kept.sent_ns, _digest(kept)) for kept in _messages(b, counts)}
     first: MessageKey | None = None
     for kept in _messages(a, counts):
         count = counts[kept.topic]
@@ -314,25 +312,25 @@ def _count(
         if digest == _digest(kept):
             continue
         count.differ += bool(digest)
-        place = (kept.sent_ns, kept.topic, kept.seq)
-        first = min(first, place) if first else place
+        key = (kept.sent_ns, kept.topic, kept.seq)
+        first = min(first, key) if first else key
     for topic, _ in of_b:
         counts[topic].only_b += 1
     rest = ((sent_ns, topic, seq) for (topic, seq), (sent_ns, _) in of_b.items())
     return first or min(rest, default=None)
 
 
-def _digest(kept: recording.RecordedMessage) -> bytes:
-    """Digest of what a message says, and of which type it is."""
-    made = blake2b(f"{kept.type} {kept.schema} ".encode(), digest_size=DIGEST_BYTES)
-    made.update(kept.body)
-    return made.digest()
+def _digest(kept: recording.RecordedMessage, size: int = 16) -> bytes:
+    """Digest of the content and the type of a message, long enough to be unique."""
+    digest = blake2b(f"{kept.type} {kept.schema} ".encode(), digest_size=size)
+    digest.update(kept.body)
+    return digest.digest()
 
 
 def _messages(
     bag: recording.Recording, topics: Collection[str]
 ) -> Iterator[recording.RecordedMessage]:
-    """Messages of these topics, each topic in its order."""
+    """Messages of some topics; raises ValueError if a topic is out of order."""
     after: dict[str, int] = {}
     for kept in bag.messages():
         if kept.topic not in topics:
@@ -346,40 +344,41 @@ def _messages(
         yield kept
 
 
-def _difference_text(place: MessageKey, a: recording.Recording, b: recording.Recording) -> str:
-    """A message that differs, in words."""
-    _, topic, seq = place
-    one, other = (
+def _difference_text(key: MessageKey, a: recording.Recording, b: recording.Recording) -> str:
+    """The difference of a message, in words."""
+    _, topic, seq = key
+    in_a, in_b = (
         next((kept for kept in all_of.messages() if (kept.topic, kept.seq) == (topic, seq)), None)
         for all_of in (a, b)
     )
-    if one is None or other is None:
-        return f"{topic} {seq}: only in {'A' if one else 'B'}"
-    found: tuple[str, str, str] | None = None  # Field and both values, or what the messages are
-    if one.type != other.type:
-        found = "type", one.type, other.type
-    elif one.schema != other.schema:
-        found = "schema", f"{one.schema:08x}", f"{other.schema:08x}"
+    if in_a is None or in_b is None:
+        return f"{topic} {seq}: only in {'A' if in_a else 'B'}"
+    difference: tuple[str, str, str] | None = None  # field, or property of messages, and values
+    if in_a.type != in_b.type:
+        difference = "type", in_a.type, in_b.type
+    elif in_a.schema != in_b.schema:
+        difference = "schema", f"{in_a.schema:08x}", f"{in_b.schema:08x}"
     else:
         with suppress(ValueError):  # of another version
-            cls = TYPES.get(one.type) or a.type_of(one.topic, one.schema)
-            found = first_difference(cls, one.body, other.body)
-    field, was, now = found or ("bytes", *(f"{len(kept.body)} bytes" for kept in (one, other)))
-    return f"{topic} {seq} {field}: {was} in A, {now} in B"
+            cls = TYPES.get(in_a.type) or a.type_of(in_a.topic, in_a.schema)
+            difference = first_difference(cls, in_a.body, in_b.body)
+    lengths = "bytes", f"{len(in_a.body)} bytes", f"{len(in_b.body)} bytes"
+    field, value_a, value_b = difference or lengths
+    return f"{topic} {seq} {field}: {value_a} in A, {value_b} in B"
 
 
 def diff_text(diff: RecordingDiff) -> str:
     """The first difference, and a line for each topic that differs."""
-    lines = [f"{path} was never closed: comparing as far as it goes" for path in diff.unfinished]
+    lines = [f"{path} was never closed: compared up to its end" for path in diff.unfinished]
     topics = counted(len(diff.topics), "topic")
     if not diff.first:
-        count = sum(one.compared for one in diff.topics.values())
+        count = sum(topic.compared for topic in diff.topics.values())
         return "\n".join([*lines, f"identical, {counted(count, 'message')} on {topics}"])
     rows: list[tuple[str, ...]] = [("topic", "compared", "differ", "only in A", "only in B")]
-    for topic, one in diff.topics.items():
-        if not one.identical:
-            counts = (one.compared, one.differ, one.only_a, one.only_b)
-            rows.append((topic, *map(str, counts)))
-    same = sum(one.identical for one in diff.topics.values())
+    for name, topic in diff.topics.items():
+        if not topic.identical:
+            counts = (topic.compared, topic.differ, topic.only_a, topic.only_b)
+            rows.append((name, *map(str, counts)))
+    same = sum(topic.identical for topic in diff.topics.values())
     lines += [f"first difference: {diff.first}", *text_table(rows, right=range(1, 5))]
     return "\n".join([*lines, f"identical on {same} of {topics}"])

@@ -1,7 +1,7 @@
-"""The messages of a recording decoded for export, and what those of a topic share.
+"""The messages of a recording decoded for export, and common properties of those of a topic.
 
-A table has as many columns in its last row as in its first: shapes of arrays and names in tables
-are known after a first reading.
+All rows of a table have the same columns, so a first reading finds the shapes of arrays and the
+names in tables.
 """
 
 from __future__ import annotations
@@ -17,8 +17,7 @@ from palpate.launch.run_directory import find_bag
 from palpate.messages import CodecError, decode, schema
 from palpate.messages.recording import DamagedRecording, Recording, open_recording
 
-MAX_STEM_LENGTH = 100  # Characters of a topic's name in a file's name
-FIRST_FIELD = "robot_time"  # The field that comes first
+FIRST_FIELD = "robot_time"  # field that comes first in a table
 
 
 class DecodedMessage(NamedTuple):
@@ -26,7 +25,7 @@ class DecodedMessage(NamedTuple):
 
     topic: str
     seq: int
-    sent_ns: int  # The publisher's monotonic clock, ns
+    sent_ns: int  # monotonic clock of the publisher [ns]
     message: Any
 
 
@@ -34,15 +33,15 @@ class DecodedRecording(NamedTuple):
     """Topics of a recording."""
 
     recording: Recording
-    topics: tuple[str, ...]  # Those that are wanted
-    first_ns: int  # When the first message of the recording was sent, whatever its topic
+    topics: tuple[str, ...]  # that are wanted
+    first_ns: int  # time at which the first message of any topic was sent [ns]
 
     def published(
         self, topics: Iterable[str] | None = None, also: frozenset[str] = frozenset()
     ) -> Iterator[DecodedMessage]:
-        """Messages of these topics, or of types that are wanted `also`, in the order of arrival.
+        """Messages of some topics, and of the types `also`, in the order of arrival.
 
-        Raises InputError if one of them was recorded with other types than those of today.
+        Raises InputError if a message was recorded with another version of its type.
         """
         path, wanted = self.recording.path, frozenset(self.topics if topics is None else topics)
         for kept in self.recording.messages():
@@ -57,7 +56,7 @@ class DecodedRecording(NamedTuple):
 
 
 def open_decoded(bag: Path, topics: Sequence[str] = ()) -> DecodedRecording:
-    """Check a recording from end to end; of its topics those that are named are wanted, or all.
+    """Check a whole recording and open some of its topics, or all if none is named.
 
     Raises InputError if there is no such recording or topic, or it is damaged.
     """
@@ -65,7 +64,7 @@ def open_decoded(bag: Path, topics: Sequence[str] = ()) -> DecodedRecording:
     try:
         recording = open_recording(path)
     except DamagedRecording as error:
-        raise InputError(f"{error}; `palpate bag recover` saves what is whole of it") from None
+        raise InputError(f"{error}; `palpate bag recover` saves its intact beginning") from None
     except ValueError as error:
         raise InputError(str(error)) from None
     if not recording.counts:
@@ -78,28 +77,28 @@ def open_decoded(bag: Path, topics: Sequence[str] = ()) -> DecodedRecording:
     return DecodedRecording(recording, wanted, first)
 
 
-def file_stems(topics: Iterable[str]) -> dict[str, str]:
-    """Names of letters, digits and ``_`` for topics: ``touch_raw``; numbered if one is taken."""
-    found: dict[str, str] = {}
+def file_stems(topics: Iterable[str], max_length: int = 100) -> dict[str, str]:
+    """Names of letters, digits and ``_`` for topics: ``touch_raw``; equal names are numbered."""
+    stems: dict[str, str] = {}
     for topic in topics:
-        stem = re.sub(r"[^A-Za-z0-9_]", "_", topic.strip("/"))[:MAX_STEM_LENGTH] or "_"
+        stem = re.sub(r"[^A-Za-z0-9_]", "_", topic.strip("/"))[:max_length] or "_"
         free, number = stem, 1
-        while free in found.values():
+        while free in stems.values():
             number += 1
             free = f"{stem}_{number}"
-        found[topic] = free
-    return found
+        stems[topic] = free
+    return stems
 
 
 @dataclasses.dataclass(slots=True)
 class FieldSurvey:
-    """One topic, as far as it has been read."""
+    """Shapes and names in the fields of one topic, as far as it has been read."""
 
     cls: type
-    count: int = 0  # Messages
-    # Shape of each array, a list's being its length; None if it varies.
+    count: int = 0  # of messages
+    # Shape of each array, or length of each list; None if it varies.
     shapes: dict[str, tuple[int, ...] | None] = dataclasses.field(default_factory=dict)
-    # Names that occur in each table, in the order of their first mention.
+    # Names in each table, in the order of their first occurrence.
     names: dict[str, dict[str, None]] = dataclasses.field(default_factory=dict)
 
     def fields(self) -> list[str]:
@@ -108,7 +107,7 @@ class FieldSurvey:
         return sorted(names, key=lambda name: name != FIRST_FIELD)
 
     def add(self, message: Any) -> None:
-        """Look at one more message."""
+        """Take one more message into account."""
         for name in self.fields():
             value = getattr(message, name)
             if isinstance(value, dict):
@@ -135,9 +134,9 @@ def is_list(cls: type, field: str) -> bool:
 
 def units_of(cls: type) -> dict[str, str]:
     """Units of the fields that have one."""
-    found = {}
+    units = {}
     for name, described in schema(cls)["properties"].items():
         unit = described.get("unit") or described.get("anyOf", [{}])[0].get("unit")
         if unit not in (None, "#"):
-            found[name] = unit
-    return found
+            units[name] = unit
+    return units

@@ -32,35 +32,34 @@ from palpate.tools.bag.decoding import (
 )
 from palpate.tools.bag.export_format import ExportFormat
 
-FORMAT_POINTS = "palpate.export_formats"  # Entry points of further formats
-UNITS_FILE = "units.json"  # The file beside the tables that says the units of their columns
-# Types of messages that are a mesh before anything else.
+FORMAT_POINTS = "palpate.export_formats"  # entry points of further formats
+UNITS_FILE = "units.json"  # beside the tables: units of their columns
+# Types of messages whose main content is a mesh.
 MESH_TYPES = frozenset(kind.__name__ for kind in (ShapeModel, Truth))
-MAX_COLUMNS = 4096  # Of one array: a larger one is written into one cell
 Values = NDArray[Any]
 
 
 def format_of(kind: str) -> ExportFormat:
-    """The format of a name: our own, or one of an entry point in `FORMAT_POINTS`.
+    """A format by name: one of `OWN_FORMATS`, or of an entry point in `FORMAT_POINTS`.
 
     Raises InputError if there is no such format.
     """
     if kind in OWN_FORMATS:
         return OWN_FORMATS[kind]
-    found = entry_points_of(FORMAT_POINTS)
-    if kind not in found:
-        known = hint(kind, [*OWN_FORMATS, *found])
+    points = entry_points_of(FORMAT_POINTS)
+    if kind not in points:
+        known = hint(kind, [*OWN_FORMATS, *points])
         raise InputError(f"--format {kind}: there is no such format; {known}")
-    loaded: ExportFormat = found[kind].load()
+    loaded: ExportFormat = points[kind].load()
     return loaded
 
 
 def export_bag(bag: Path, kind: str, out: Path, topics: Sequence[str] = ()) -> str:
-    """Write a recording as a format of `FORMATS`; returns what was written, in a line.
+    """Write a recording in a format; returns a line about what was written.
 
-    Tables are written of all topics but meshes, PLY files of meshes alone. Raises InputError if
-    the recording is damaged, has other message types than today's, no such topic or none for this
-    format, or there is something at `out` already.
+    Tables have all topics except meshes, PLY files have meshes only. Raises InputError if the
+    recording is damaged or has other versions of message types, there is no such topic or none for
+    this format, or `out` exists.
     """
     check_new(out)
     source = open_decoded(bag, topics)
@@ -77,12 +76,12 @@ def export_bag(bag: Path, kind: str, out: Path, topics: Sequence[str] = ()) -> s
 def _topics_of_format(
     source: DecodedRecording, kind: str
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """The topics that a format takes, and those of meshes that it leaves to PLY."""
+    """Topics that a format takes, and topics of meshes that it leaves to PLY."""
     types = source.recording.types
     meshes = tuple(topic for topic in source.topics if types[topic][0] in MESH_TYPES)
-    others = tuple(topic for topic in source.topics if topic not in meshes)
+    without_mesh = tuple(topic for topic in source.topics if topic not in meshes)
     taken, left, why = {
-        "csv": (others, meshes, "are meshes: take --format ply"),
+        "csv": (without_mesh, meshes, "are meshes: take --format ply"),
         "ply": (meshes, (), "are no meshes, so there is no ply"),
     }.get(kind, (source.topics, (), ""))
     if shown := format_of(kind).types:
@@ -97,9 +96,9 @@ def write_csv(source: DecodedRecording, folder: Path) -> int:
     """Write a new folder with a table for each topic; returns the number of files.
 
     A row has ``seq``, ``sent_s`` (since the first message of the recording), ``robot_time`` if the
-    message has one, and all its other fields. An array that has the same shape in all rows takes a
-    column for each element, ``pose.0``; one that has not, and a list, is one cell of JSON. Of a
-    table each name has its column. Truth is 1 or 0, and nothing is an empty cell.
+    message has one, and all other fields. An array of the same shape in all rows has a column for
+    each element, ``pose.0``; another array, or a list, is one cell of JSON. A table has a column
+    for each name. Booleans are 1 or 0, and None is an empty cell.
     """
     surveys: dict[str, FieldSurvey] = {}
     for decoded in source.published():
@@ -118,7 +117,9 @@ def write_csv(source: DecodedRecording, folder: Path) -> int:
             whole, rest = divmod(decoded.sent_ns - source.first_ns, 1_000_000_000)
             cells = _cells(surveys[decoded.topic], decoded.message)
             tables[decoded.topic].writerow([decoded.seq, f"{whole}.{rest:09}", *cells])
-    units = {names[topic]: {"sent_s": "s", **units_of(one.cls)} for topic, one in surveys.items()}
+    units = {
+        names[topic]: {"sent_s": "s", **units_of(survey.cls)} for topic, survey in surveys.items()
+    }
     (folder / UNITS_FILE).write_text(json.dumps(units, indent=2) + "\n", encoding="utf-8")
     return len(names) + 1
 
@@ -151,10 +152,10 @@ def _cells(survey: FieldSurvey, message: Any) -> Iterator[object]:
             yield from (value.astype(np.int8) if value.dtype == bool else value).ravel().tolist()
 
 
-def _columns(survey: FieldSurvey, field: str) -> tuple[int, ...] | None:
-    """Shape of an array that has a column for each element; None for all else."""
+def _columns(survey: FieldSurvey, field: str, max_columns: int = 4096) -> tuple[int, ...] | None:
+    """Shape of an array with a column for each element; None for other fields."""
     shape = survey.shapes.get(field)
-    if shape is None or math.prod(shape) > MAX_COLUMNS or is_list(survey.cls, field):
+    if shape is None or math.prod(shape) > max_columns or is_list(survey.cls, field):
         return None
     return shape
 
@@ -162,18 +163,20 @@ def _columns(survey: FieldSurvey, field: str) -> tuple[int, ...] | None:
 def write_npz(source: DecodedRecording, path: Path) -> int:
     """Write a new file that `numpy.load` reads without pickle; returns the number of arrays.
 
-    Arrays are called ``touch_raw.pose``; beside them are ``touch_raw.seq``, and
-    ``touch_raw.sent_s`` since the first message of the recording. Where messages differ in length
-    they are joined, and ``touch_raw.array.lengths`` says how long each was; where they differ in
-    other axes too they are flattened and joined, and ``.shapes`` says their shapes. Of a table each
-    name is an array of its own. What is missing is NaN.
+    Arrays are named ``touch_raw.pose``; beside them are ``touch_raw.seq``, and
+    ``touch_raw.sent_s`` since the first message of the recording. Arrays of different lengths are
+    concatenated, with their lengths in ``touch_raw.array.lengths``; those that differ in other axes
+    are flattened first, with their shapes in ``.shapes``. A table has an array for each name.
+    Missing numbers are NaN.
     """
     count = 0
     names = file_stems(source.topics)
     with zipfile.ZipFile(path, "w", zipfile.ZIP_STORED) as file:
-        for topic, stem in names.items():  # one at a time: only its messages are in memory
+        for topic, stem in names.items():  # only the messages of one topic are in memory at once
             for name, values in _topic_arrays(source, topic).items():
-                entry = zipfile.ZipInfo(f"{stem}.{name}.npy")  # without the time of day
+                entry = zipfile.ZipInfo(
+                    f"{stem}.{name}.npy"
+                )  # without a time, so that files are reproducible
                 with file.open(entry, "w", force_zip64=True) as member:
                     np.lib.format.write_array(member, values, allow_pickle=False)
                 count += 1
@@ -183,20 +186,20 @@ def write_npz(source: DecodedRecording, path: Path) -> int:
 def _topic_arrays(source: DecodedRecording, topic: str) -> dict[str, Values]:
     decoded = list(source.published([topic]))
     survey = FieldSurvey(type(decoded[0].message))
-    for one in decoded:
-        survey.add(one.message)
-    found: dict[str, Values] = {
-        "seq": np.array([one.seq for one in decoded], np.int64),
-        "sent_s": 1e-9 * np.array([one.sent_ns - source.first_ns for one in decoded], np.float64),
+    for row in decoded:
+        survey.add(row.message)
+    arrays: dict[str, Values] = {
+        "seq": np.array([row.seq for row in decoded], np.int64),
+        "sent_s": 1e-9 * np.array([row.sent_ns - source.first_ns for row in decoded], np.float64),
     }
     for field in survey.fields():
-        values = [getattr(one.message, field) for one in decoded]
-        found |= {field + end: array for end, array in _arrays(survey, field, values).items()}
-    return found
+        values = [getattr(row.message, field) for row in decoded]
+        arrays |= {field + end: array for end, array in _arrays(survey, field, values).items()}
+    return arrays
 
 
 def _arrays(survey: FieldSurvey, field: str, values: list[Any]) -> dict[str, Values]:
-    """One field of all messages, by what is added to its name."""
+    """Arrays of one field of all messages, by the suffix of their names."""
     if field in survey.names:
         return {
             f".{name}": np.array([value.get(name, np.nan) for value in values])
@@ -220,9 +223,9 @@ def _arrays(survey: FieldSurvey, field: str, values: list[Any]) -> dict[str, Val
 
 
 def write_ply(source: DecodedRecording, folder: Path) -> int:
-    """Write a new folder with a mesh for each message, m, world frame; returns their number.
+    """Write a new folder with a mesh for each message, world frame [m]; returns their number.
 
-    ``model_shape.12.ply`` is message 12 of its topic; what has no triangles is left out.
+    ``model_shape.12.ply`` is message 12 of its topic; a mesh without triangles is left out.
     """
     folder.mkdir()
     names, count = file_stems(source.topics), 0

@@ -1,4 +1,4 @@
-"""What a format of exported recordings is; others are registered as entry points."""
+"""Formats of exported recordings; packages register further ones as entry points."""
 
 from __future__ import annotations
 
@@ -12,6 +12,6 @@ from palpate.tools.bag.decoding import DecodedRecording
 class ExportFormat(NamedTuple):
     """A format into which a recording is written."""
 
-    write: Callable[[DecodedRecording, Path], int]  # Writes a new file or folder; returns a count
-    counted: str  # What is counted, in the plural
-    types: frozenset[str] = frozenset()  # Names of the types that it shows; empty for all
+    write: Callable[[DecodedRecording, Path], int]  # writes a new file or folder; returns a count
+    counted: str  # plural of what is counted
+    types: frozenset[str] = frozenset()  # names of types that it shows; empty: all

@@ -1,8 +1,8 @@
-"""Records a running graph from outside: what it had published before, and what it publishes.
+"""Records a running graph from outside: earlier messages and new ones.
 
-Messages come as copies, of which some may be lost on the way; the node is asked for those once
-more, as for what it had published before. So nothing is missing but what nobody had subscribed to
-within the graph, and what a node that has ended can no longer be asked for.
+New messages come as copies, of which some may be lost; the node is then asked for them, as it is
+for earlier messages. A recording lacks only earlier messages of topics without a subscriber in the
+graph, and lost messages of nodes that have ended.
 """
 
 from __future__ import annotations
@@ -23,64 +23,75 @@ from palpate.launch.processes.registry import RunCard
 from palpate.launch.run_directory import free_path
 from palpate.messages import Header, recording
 from palpate.messages.bus import PAST_BATCH, PastReader, SocketContext
-from palpate.tools.introspection.topics import STATUS_TOPICS, TICK, TapSubscription, Topic, taps_of
+from palpate.tools.introspection.topics import STATUS_TOPICS, TapSubscription, Topic, taps_of
 
-PATIENCE = 2.0  # A node that does not answer for so long is asked once more, s
-SPARE = 64 << 20  # Bytes that are left free on the disk, as by a recorder
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LiveRecordingSettings:
+    """Waits and the disk reserve of a recording from outside."""
+
+    retry_after: float = 2.0  # [s] without an answer, until a node is asked again
+    min_free_bytes: int = 64 << 20  # left on the disk, as by a recorder
+
+
+DEFAULT_LIVE = LiveRecordingSettings()
 
 
 class RecordedGraph(NamedTuple):
-    """What was recorded."""
+    """A new recording."""
 
     path: Path
-    counts: Mapping[str, int]  # Messages by topic
-    lost: Mapping[str, int]  # Messages that never came, by topic; of those of which some did not
+    counts: Mapping[str, int]  # messages by topic
+    lost: Mapping[str, int]  # number of lost messages, by topic, where there are any
 
 
 @dataclass(slots=True)
 class TopicOrder:
     """The messages of one topic, put into the order of their numbers."""
 
-    next: int = 0  # Number of the message that is to be written next
-    held: dict[int, tuple[Header, bytes]] = field(default_factory=dict)  # By number, from there on
-    whole: bool = False  # Whether all that had been published before has come
-    lost: int = 0  # Messages that have not come, and will not
+    next: int = 0  # number of the message that is written next
+    held: dict[int, tuple[Header, bytes]] = field(default_factory=dict)  # by number, from there on
+    whole: bool = False  # whether all earlier messages have come
+    lost: int = 0  # messages that the node can no longer send
 
     @property
     def lacks(self) -> bool:
-        """Whether something is to be asked for."""
+        """Whether the node has to be asked for messages."""
         return not self.whole or (bool(self.held) and self.next not in self.held)
 
     def put(self, header: Header, body: bytes) -> None:
-        """Take a message, whether a copy or what was asked for."""
+        """Take a message, a copy or an answer."""
         if header.seq >= self.next:
             self.held[header.seq] = header, body
 
     def answered(self, number: int) -> None:
-        """So many have come of what was asked for; the node has no more if that is not all."""
+        """Take note of an answer of `number` messages; a short answer is the last of a node."""
         self.whole = self.whole or number < PAST_BATCH
         if not number and self.held:
             self.lost += min(self.held) - self.next
             self.next = min(self.held)
 
     def take(self) -> Iterator[tuple[Header, bytes]]:
-        """What can be written."""
+        """Messages that can be written now."""
         while self.next in self.held:
             yield self.held.pop(self.next)
             self.next += 1
 
 
 class PastRequests:
-    """Asks one node for what its topics lack, one request after the other."""
+    """Asks one node for messages that its topics lack, one request after the other."""
 
-    def __init__(self, reader: PastReader, run: int, orders: Mapping[str, TopicOrder]) -> None:
+    def __init__(
+        self, reader: PastReader, run: int, orders: Mapping[str, TopicOrder], retry_after: float
+    ) -> None:
         self._reader, self._run, self._orders = reader, run, orders
+        self._retry_after = retry_after
         self._asked, self._number, self._until = "", 0, 0.0
 
     def turn(self) -> None:
-        """Take what has come, and ask for what is still missing."""
-        while (found := self._reader.receive()) is not None:
-            topic, message = found
+        """Take the answers that have come, and ask for messages that are still missing."""
+        while (received := self._reader.receive()) is not None:
+            topic, message = received
             if message is None and topic == self._asked:
                 self._orders[topic].answered(self._number)
                 self._asked = ""
@@ -89,21 +100,23 @@ class PastRequests:
                 self._number += topic == self._asked
         if self._asked and time.monotonic() < self._until:
             return
-        self._asked = next((topic for topic, one in self._orders.items() if one.lacks), "")
+        self._asked = next((topic for topic, order in self._orders.items() if order.lacks), "")
         if self._asked:
-            self._number, self._until = 0, time.monotonic() + PATIENCE
+            self._number, self._until = 0, time.monotonic() + self._retry_after
             self._reader.ask(self._asked, self._orders[self._asked].next)
 
 
 class GraphMessages:
-    """All messages of some topics of a running graph, each topic's from its first and in order.
+    """All messages of some topics of a running graph, of each topic from its first and in order.
 
-    What nobody within the graph subscribes to has no past that could be asked for.
+    Earlier messages of a topic without a subscriber in the graph are not kept, and so left out.
     """
 
-    def __init__(self, card: RunCard, topics: Sequence[Topic]) -> None:
-        self._card, self._topics = card, topics
-        self._orders = {one.name: TopicOrder() for one in topics}
+    def __init__(
+        self, card: RunCard, topics: Sequence[Topic], retry_after: float = DEFAULT_LIVE.retry_after
+    ) -> None:
+        self._card, self._topics, self._retry_after = card, topics, retry_after
+        self._orders = {topic.name: TopicOrder() for topic in topics}
         self._past: list[PastRequests] = []
         self._stack = ExitStack()
 
@@ -113,7 +126,8 @@ class GraphMessages:
             reader = PastReader(sockets.context, self._card.taps[node], names)
             self._stack.callback(reader.close)
             orders = {name: self._orders[name] for name in names}
-            self._past.append(PastRequests(reader, int(self._card.run, 16), orders))
+            run = int(self._card.run, 16)
+            self._past.append(PastRequests(reader, run, orders, self._retry_after))
         taps = TapSubscription(self._card, self._topics, latched=True)
         self._taps = self._stack.enter_context(taps)
         return self
@@ -123,26 +137,26 @@ class GraphMessages:
 
     @property
     def whole(self) -> bool:
-        """Whether all that had been published before has come."""
+        """Whether all earlier messages have come."""
         return all(order.whole for order in self._orders.values())
 
     @property
     def lost(self) -> dict[str, int]:
-        """Messages that never came, of each topic of which some did not."""
-        return {topic: one.lost for topic, one in self._orders.items() if one.lost}
+        """Number of lost messages, by topic, where there are any."""
+        return {topic: order.lost for topic, order in self._orders.items() if order.lost}
 
     def batches(
-        self, duration: float | None = None, tick: float = TICK
+        self, duration: float | None = None, tick: float = 0.1
     ) -> Iterator[list[tuple[str, Header, bytes]]]:
-        """What can be told by now, every `tick`, s; ends as `TapSubscription.batches` does.
+        """New messages in order, every `tick` [s]; ends as `TapSubscription.batches` does.
 
-        What was published before a `duration`, s, began is waited for beyond its end.
+        After a `duration` [s] it still waits for messages that were published before the start.
         """
         for batch in self._taps.batches(duration, tick):
-            for one in batch:
-                self._orders[one.topic].put(one.header, one.body)
+            for received in batch:
+                self._orders[received.topic].put(received.header, received.body)
             yield self._asked()
-        until = time.monotonic() + (0.0 if duration is None else PATIENCE)
+        until = time.monotonic() + (0.0 if duration is None else self._retry_after)
         while not self.whole and time.monotonic() < until:
             time.sleep(tick)
             yield self._asked()
@@ -157,11 +171,11 @@ class GraphMessages:
         return self._ready()
 
     def _ready(self) -> list[tuple[str, Header, bytes]]:
-        return [(topic, *one) for topic, order in self._orders.items() for one in order.take()]
+        return [(topic, *taken) for topic, order in self._orders.items() for taken in order.take()]
 
 
 def default_path() -> Path:
-    """A new file in the working directory, named by the local time as rosbag2 does."""
+    """A new file in the working directory, named by the local time, as rosbag2 names it."""
     return free_path(Path(f"palpate_{time.strftime('%Y_%m_%d-%H_%M_%S')}.mcap"))
 
 
@@ -172,40 +186,44 @@ def record_graph(
     *,
     duration: float | None = None,
     echo: Callable[[str], None],
+    settings: LiveRecordingSettings = DEFAULT_LIVE,
 ) -> RecordedGraph:
-    """Record topics of a running graph until it ends, the duration, s, is over, or Ctrl-C.
+    """Record topics of a running graph until it ends, the duration [s] is over, or Ctrl-C.
 
-    Raises InputError if the file exists; ValueError if a topic is not a reliable one, or of a type
-    that nobody knows; OSError if the file cannot be written.
+    Raises InputError if the file exists; ValueError if a topic is not a reliable one, or of an
+    unknown type; OSError if the file cannot be written.
     """
-    if aside := [one.name for one in topics if one.name in STATUS_TOPICS]:
-        raise ValueError(f"{aside[0]} cannot be recorded: messages of it may be lost for good")
+    if unreliable := [topic.name for topic in topics if topic.name in STATUS_TOPICS]:
+        raise ValueError(f"{unreliable[0]} cannot be recorded: messages of it may be lost for good")
     check_new(path)
-    counts = dict.fromkeys((one.name for one in topics), 0)
-    with GraphMessages(card, topics) as messages, ExitStack() as stack:
-        writer = _writer(card, topics, path)
+    counts = dict.fromkeys((topic.name for topic in topics), 0)
+    with GraphMessages(card, topics, settings.retry_after) as messages, ExitStack() as stack:
+        writer = _writer(card, topics, path, settings.min_free_bytes)
         stack.callback(lambda: writer.close(messages.lost))
-        what = f"{counted(len(topics), 'topic')} of {card.name}"
-        echo(f"recording {what} into {path}; Ctrl-C ends it")
-        begun: list[tuple[str, Header, bytes]] = []
+        names = f"{counted(len(topics), 'topic')} of {card.name}"
+        echo(f"recording {names} into {path}; Ctrl-C ends it")
+        waiting: list[tuple[str, Header, bytes]] = []
         for batch in messages.batches(duration):
-            begun += batch
+            waiting += batch
             if messages.whole:
-                _write(writer, begun, counts)
-        _write(writer, begun, counts)
+                _write(writer, waiting, counts)
+        _write(writer, waiting, counts)
     return RecordedGraph(path, counts, messages.lost)
 
 
-def _writer(card: RunCard, topics: Sequence[Topic], path: Path) -> recording.RecordingWriter:
-    """The new file, which says of the graph what a recorder's says, as the graph began."""
+def _writer(
+    card: RunCard, topics: Sequence[Topic], path: Path, min_free_bytes: int
+) -> recording.RecordingWriter:
+    """Writer of the new file, with the graph as it started, as in the file of a recorder."""
     nodes = [
-        msgspec.structs.replace(one, params=card.initial.get(one.name, one.params))
-        for one in card.nodes
+        msgspec.structs.replace(node, params=card.initial.get(node.name, node.params))
+        for node in card.nodes
     ]
     graph = msgspec.json.encode(nodes).decode()
     about = {"version": __version__, "graph": graph, "scene_name": card.name, "ends": card.ends}
-    types = {one.name: one.type for one in topics}
-    return recording.RecordingWriter(path, types, card.publishers, about, SPARE, card.schemas)
+    types = {topic.name: topic.type for topic in topics}
+    publishers, schemas = card.publishers, card.schemas
+    return recording.RecordingWriter(path, types, publishers, about, min_free_bytes, schemas)
 
 
 def _write(
@@ -213,16 +231,16 @@ def _write(
     messages: list[tuple[str, Header, bytes]],
     counts: dict[str, int],
 ) -> None:
-    """Write messages in the order of sending, and forget them."""
-    for topic, header, body in sorted(messages, key=lambda one: one[1].sent_ns):
+    """Write messages in the order of sending, and clear the list."""
+    for topic, header, body in sorted(messages, key=lambda message: message[1].sent_ns):
         writer.write(topic, header, body)
         counts[topic] += 1
     messages.clear()
 
 
 def recorded_text(done: RecordedGraph) -> str:
-    """What was recorded, in a line, and what was lost."""
+    """A line about a new recording and its lost messages."""
     topics = sum(map(bool, done.counts.values()))
-    told = f"{done.path}: {counted(sum(done.counts.values()), 'message')} on {topics} topics"
+    text = f"{done.path}: {counted(sum(done.counts.values()), 'message')} on {topics} topics"
     lost = ", ".join(f"{number} of {topic}" for topic, number in done.lost.items())
-    return f"{told}; not recorded: {lost}" if lost else told
+    return f"{text}; not recorded: {lost}" if lost else text

@@ -1,4 +1,4 @@
-"""Plays a recording in a graph of its own; the keyboard pauses and steps it."""
+"""Plays a recording in a new graph; keys pause and step it."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ from palpate.nodes.runtime.node import Wiring
 from palpate.tools.introspection.requests import notify
 
 PLAYER_NAME = "player"
-DONE, DIED, INTERRUPTED = 0, 3, 130
+DONE, DIED, INTERRUPTED = 0, 3, 130  # exit codes
 SPACE, RIGHT = b" ", b"\x1b[C"
 _KEY = re.compile(rb"\x1b\[[A-D]|[^\x1b]", re.DOTALL)
 
 
 def read_remap(pairs: Sequence[str]) -> dict[str, str]:
-    """Old topics to new ones, from ``/a:=/b``; raises InputError if a text is no such pair."""
+    """New names of topics by old ones, from ``/a:=/b``; raises InputError for another form."""
     remap = {}
     for pair in pairs:
         old, sign, new = pair.partition(":=")
@@ -43,7 +43,7 @@ def read_remap(pairs: Sequence[str]) -> dict[str, str]:
 
 
 def player_entry(bag: Path, params: Mapping[str, Any], remap: Mapping[str, str]) -> Entry:
-    """The player of a recording, given as a file or as the run directory that holds it."""
+    """The player of a recording, which is a file or in a run directory."""
     return Entry(name=PLAYER_NAME, params={"path": str(find_bag(bag)), **params}, remap=remap)
 
 
@@ -66,26 +66,26 @@ def play_recording(entry: Entry, *, quiet: bool) -> int:
 
 
 class PlaybackWatcher(Watcher):
-    """Says what a player does."""
+    """Prints what a player does."""
 
     def __init__(self, wiring: Wiring, *, quiet: bool, keys: Keyboard) -> None:
-        self.sent = 0  # Messages that the player has published
+        self.sent = 0  # messages that the player has published
         self._wiring, self._quiet, self._keys = wiring, quiet, keys
         self._paused: bool = wiring.params.paused
 
     def ready(self, seconds: float) -> None:
-        """Say what is played."""
+        """Print what is played."""
         number, params = len(self._wiring.outputs), self._wiring.params
         how = ", paused" if params.paused else ""
         self.say(f"playing {params.path}: {number} topics, {params.rate:g} x{how}")
 
     def log(self, record: LogRecord) -> None:
-        """Show what went wrong."""
+        """Print warnings and errors."""
         if record.level in ("warning", "error"):
             self.say(record.text)
 
     def tick(self, statuses: Mapping[str, NodeStatus]) -> None:
-        """Count, and see to the keyboard."""
+        """Count messages, and act on keys."""
         if PLAYER_NAME in statuses:
             self.sent = statuses[PLAYER_NAME].sent
         for key in self._keys.pressed():
@@ -98,7 +98,7 @@ class PlaybackWatcher(Watcher):
         elif own and key == SPACE:
             self._paused = not self._paused
             notify(own[-1], "pause" if self._paused else "resume", node=PLAYER_NAME)
-            self.say("paused" if self._paused else "goes on")
+            self.say("paused" if self._paused else "resumed")
 
     def say(self, text: str) -> None:
         """Print a line, unless quiet."""
@@ -107,7 +107,7 @@ class PlaybackWatcher(Watcher):
 
 
 class Keyboard:
-    """Reads single keys while its ``with`` block lasts; does nothing where there is no terminal."""
+    """Reads single keys during its ``with`` block; does nothing without a terminal."""
 
     def __init__(self) -> None:
         self._before: list[Any] | None = None
@@ -115,7 +115,7 @@ class Keyboard:
     def __enter__(self) -> Keyboard:
         with suppress(termios.error, OSError, ValueError):
             file = sys.stdin.fileno()
-            # Who runs in the background would be stopped for touching the terminal.
+            # A background process would be stopped if it changed the terminal.
             if sys.stdin.isatty() and os.tcgetpgrp(file) == os.getpgrp():
                 self._before = termios.tcgetattr(sys.stdin)
                 tty.setcbreak(sys.stdin)
@@ -126,7 +126,7 @@ class Keyboard:
             termios.tcsetattr(sys.stdin, termios.TCSADRAIN, self._before)
 
     def pressed(self) -> list[bytes]:
-        """Return the keys that have been pressed since it was asked last."""
+        """Keys that were pressed since the last call."""
         keys: list[bytes] = []
         while self._before is not None and select.select([sys.stdin], [], [], 0.0)[0]:
             data = os.read(sys.stdin.fileno(), 64)

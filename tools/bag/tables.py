@@ -22,13 +22,11 @@ from palpate.tools.bag.decoding import (
 if TYPE_CHECKING:
     import pandas as pd
 
-MAX_SHOWN = 600  # Characters of the names in a repr
-
 
 def open_recording(path: str | Path) -> RecordedTables:
     """A recording as tables: ``open_recording("runs/latest")["/touch/patch"]["k1"]``.
 
-    `path`: a ``topics.mcap``, or the folder of a run. Types of one's own need not be importable.
+    `path`: a ``topics.mcap``, or the folder of a run. Types of a user need not be importable.
     Raises InputError if there is no such recording, or it is damaged.
     """
     return RecordedTables(open_decoded(Path(path)))
@@ -40,9 +38,7 @@ class Table(np.ndarray[Any, np.dtype[np.void]]):
     def __repr__(self) -> str:
         plain = self.view(np.ndarray)
         if self.dtype.names and self.ndim:
-            shown = ", ".join(self.dtype.names)
-            shown = shown if len(shown) <= MAX_SHOWN else f"{shown[:MAX_SHOWN]}..."
-            return f"<table of {len(self)} messages: {shown}>"
+            return f"<table of {len(self)} messages: {_abridged(', '.join(self.dtype.names))}>"
         if self.dtype.names or self.ndim > 1 or self.dtype.hasobject:
             return f"<{'row' if self.dtype.names else self.dtype} {self.shape}>"
         with np.printoptions(threshold=20, edgeitems=3):
@@ -51,12 +47,11 @@ class Table(np.ndarray[Any, np.dtype[np.void]]):
 
 @dataclass(frozen=True, slots=True)
 class RecordedTables(Mapping[str, NDArray[np.void]]):
-    """The topics of a recording by name; each is read when it is first asked for.
+    """The topics of a recording by name; each is read at its first use.
 
     A table has a row for each message: ``seq``, ``sent_s`` since the first message of the
-    recording, and the message's fields in the units of `units`. Arrays that have one shape in all
-    messages are subarrays; others, lists and tables are objects. Numbers that may be missing are
-    NaN where they are.
+    recording, and the fields of the message in the units of `units`. Arrays of one shape in all
+    messages are subarrays; other arrays, lists and tables are objects. Missing numbers are NaN.
     """
 
     source: DecodedRecording
@@ -84,17 +79,16 @@ class RecordedTables(Mapping[str, NDArray[np.void]]):
 
     def __repr__(self) -> str:
         counts = self.source.recording.counts
-        told = ", ".join(f"{topic} {counts[topic]}" for topic in self)
-        told = told if len(told) <= MAX_SHOWN else f"{told[:MAX_SHOWN]}..."
-        return f"<recording {self.source.recording.path}: {told}>"
+        topics = _abridged(", ".join(f"{topic} {counts[topic]}" for topic in self))
+        return f"<recording {self.source.recording.path}: {topics}>"
 
     def units(self, topic: str) -> dict[str, str]:
-        """Units of a topic's fields, by name; those without one are left out."""
+        """Units of the fields of a topic, by name; fields without a unit are left out."""
         cls = self.source.recording.type_of(topic)
         return {"sent_s": "s", **units_of(cls)}
 
     def frame(self, topic: str) -> pd.DataFrame:
-        """A topic as a pandas frame; elements of arrays of one shape are columns, ``pose.0``.
+        """A topic as a pandas frame; elements of arrays of one shape become columns, ``pose.0``.
 
         Raises InputError if pandas is not installed.
         """
@@ -108,21 +102,26 @@ class RecordedTables(Mapping[str, NDArray[np.void]]):
             values = table[name]
             if values.ndim == 1:
                 columns[name] = values
-            for place in np.ndindex(values.shape[1:] if values.ndim > 1 else (0,)):
-                columns[".".join([name, *map(str, place)])] = values[(slice(None), *place)]
+            for index in np.ndindex(values.shape[1:] if values.ndim > 1 else (0,)):
+                columns[".".join([name, *map(str, index)])] = values[(slice(None), *index)]
         return pd.DataFrame(columns)
+
+
+def _abridged(text: str, max_letters: int = 600) -> str:
+    """A text for a repr, cut off if it is long."""
+    return text if len(text) <= max_letters else f"{text[:max_letters]}..."
 
 
 def _table(messages: list[DecodedMessage], first_ns: int) -> NDArray[np.void]:
     survey = FieldSurvey(type(messages[0].message))
-    for one in messages:
-        survey.add(one.message)
+    for row in messages:
+        survey.add(row.message)
     columns = {
-        "seq": np.array([one.seq for one in messages], np.int64),
-        "sent_s": 1e-9 * np.array([one.sent_ns - first_ns for one in messages], np.float64),
+        "seq": np.array([row.seq for row in messages], np.int64),
+        "sent_s": 1e-9 * np.array([row.sent_ns - first_ns for row in messages], np.float64),
     }
     for name in survey.fields():
-        columns[name] = _column([getattr(one.message, name) for one in messages], survey, name)
+        columns[name] = _column([getattr(row.message, name) for row in messages], survey, name)
     kinds = [(name, column.dtype, column.shape[1:]) for name, column in columns.items()]
     table = np.zeros(len(messages), kinds)
     for name, column in columns.items():

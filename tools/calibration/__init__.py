@@ -1,4 +1,4 @@
-"""What each taxel means, estimated from presses of a known flat and a known ball.
+"""Calibration of the taxels of a sensor from presses of a known flat and a known ball.
 
-Optional: found as a command by its entry point.
+Optional: registered as a command by its entry point.
 """

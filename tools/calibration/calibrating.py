@@ -1,10 +1,10 @@
-"""Calibrate a scene's sensor: press a known flat and a known ball, estimate, and judge."""
+"""Calibration of the sensor of a scene from presses of a known flat and a known ball."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any, NamedTuple
 
@@ -32,83 +32,105 @@ from palpate.launch.scene import SceneSpec
 from palpate.nodes import filter
 from palpate.nodes.specs.sensors import SensorSpec, build_pipeline, sensed_face
 
-ROBOT = "modern"  # Preset of the robot's speeds
-BALL_RADIUS = 0.03  # Radius of the known ball, m
-TILTS = 7  # Ways to lean along each axis
-DEPTHS = (0.4 * TOUCH_DEPTH, 0.7 * TOUCH_DEPTH, TOUCH_DEPTH)
-FREE_FRAMES = 40
-HEIGHT, REACH = 0.03, 0.05  # The pad's middle starts so high over it, and goes this far, m
-CONTACT = filter.Params().contact  # Least compression that counts as touched, m: the filter's
-PAUSE = 3.0  # Between two presses, s: a pad that creeps has come to rest
+ROBOT = "modern"  # preset of the robot's speeds
+MIN_COMPRESSION = filter.Params().contact  # of a taxel in contact [m], as of the filter
 CalibrationProgress = Callable[[str], None]
-MAX_LOST_SHARE = 0.35  # Of taxels lost or not reached before the calibration is doubted
-MIN_SOUND_SPEED, MAX_SOUND_SPEED = 100.0, 5000.0
-MAX_GAIN = 10.0
-MAX_POSE_ERROR = 0.6e-3  # m
-MAX_RADIUS_ERROR = 0.25  # Share by which the ball may be measured too large or too small
-MIN_VARIANCE = 1e-6  # 1/m2: no curvature is surer than to a thousandth of 1 / m
-UP = np.array([0.0, 1.0, 0.0])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PressSettings:
+    """Presses from which a sensor is calibrated."""
+
+    ball_radius: float = 0.03  # [m]
+    n_tilts: int = 7  # of the pad, about each axis
+    depths: tuple[float, ...] = (0.4, 0.7, 1.0)  # fractions of the depth of a touch
+    n_free_frames: int = 40  # without contact
+    start_height: float = 0.03  # [m] of the pad's middle over the surface
+    reach: float = 0.05  # [m] of the move from there
+    pause: float = 3.0  # [s] between presses, in which a pad stops creeping
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CalibrationLimits:
+    """When a calibration is doubted."""
+
+    max_lost_share: float = 0.35  # of the taxels, lost or not reached
+    min_sound_speed: float = 100.0  # [m/s] of rubber
+    max_sound_speed: float = 5000.0  # [m/s]
+    max_gain: float = 10.0
+    max_pose_error: float = 0.6e-3  # [m] of the arm
+    max_radius_error: float = 0.25  # fraction of the ball's radius
+
+
+PRESSES, LIMITS = PressSettings(), CalibrationLimits()
 
 
 class KnownPress(NamedTuple):
-    """One touch of something known."""
+    """One touch of a known shape."""
 
-    pose: Pose  # Where the arm believed the pad
-    read: Floats  # What the data sheet makes of the signal, (rows, cols), m
-    known: Floats  # Compression that the known shape makes there, (rows, cols), m; 0 where none
+    pose: Pose  # of the pad, as the arm measured it
+    read: Floats  # (rows, cols) compression by the data sheet [m]
+    known: Floats  # (rows, cols) compression by the known shape [m]; 0 without contact
 
 
 class Calibrated(NamedTuple):
-    """What came of pressing."""
+    """A calibration, and the presses of the ball that check it."""
 
-    estimate: CalibrationEstimate  # The calibration
-    pad: Pad  # The array, and what its data sheet says of its face
-    sheet: Calibration  # What it was read by
-    on_ball: tuple[KnownPress, ...]  # The touches of the ball
-    touches: int  # All touches made
-    robot_time: float  # Robot time that they took, s
+    estimate: CalibrationEstimate
+    pad: Pad  # with the face of the data sheet
+    sheet: Calibration  # of the data sheet
+    on_ball: tuple[KnownPress, ...]
+    ball_radius: float  # [m]
+    touches: int  # number of all touches
+    robot_time: float  # of all touches [s]
 
 
-def calibrate(scene: SceneSpec, progress: CalibrationProgress) -> Calibrated:
-    """Press a known flat and a known ball; raises ValueError if too few taxels could be pressed."""
+def calibrate(
+    scene: SceneSpec, progress: CalibrationProgress, settings: PressSettings = PRESSES
+) -> Calibrated:
+    """Press a known flat and a known ball; raises ValueError if too few taxels were pressed."""
     pipeline = build_pipeline(scene.sensor, scene.effects, ROBOT_PRESETS[ROBOT], seed=scene.seed)
-    finger = _Finger(pipeline)
+    finger = _Finger(pipeline, settings)
     pad = pipeline.finger.pad
-    # The plate is flat to far less than a nanometre where it is pressed.
-    plate, ball = _below((0.2, 0.2, 0.05), MIN_EXPONENT), _below((BALL_RADIUS,) * 3, 1.0)
-    free = [finger.touch(plate, lean, 0.0).read for lean in _tilts(pad)[:1] * FREE_FRAMES]
-    progress(f"{FREE_FRAMES} frames of nothing")
+    # Where it is pressed, the plate is flat to far less than a nanometre.
+    plate = _below((0.2, 0.2, 0.05), MIN_EXPONENT)
+    ball = _below((settings.ball_radius,) * 3, 1.0)
+    upright = _tilts(pad, settings)[0]
+    free = [finger.touch(plate, upright, 0.0).read for _ in range(settings.n_free_frames)]
+    progress(f"{settings.n_free_frames} frames of nothing")
     on_flat = tuple(_presses(finger, plate, progress, "the flat"))
     on_ball = tuple(_presses(finger, ball, progress, "the ball"))
-    made = [*on_flat, *on_ball]
+    all_presses = [*on_flat, *on_ball]
     presses = CalibrationTouches(
-        known=np.stack([one.known.ravel() for one in made]),
-        read=np.stack([one.read.ravel() for one in made]),
-        free=np.stack([one.ravel() for one in free]),
+        known=np.stack([press.known.ravel() for press in all_presses]),
+        read=np.stack([press.read.ravel() for press in all_presses]),
+        free=np.stack([read.ravel() for read in free]),
     )
     (x, y), sheet = pad.grid(), pipeline.finger.calibration
-    progress(f"all done; fitting {len(made)} presses")
+    progress(f"all done; fitting {len(all_presses)} presses")
     estimate = estimate_calibration(presses, x.ravel(), y.ravel(), sheet)
     pad = replace(pad, face=sensed_face(pipeline))
-    return Calibrated(estimate, pad, sheet, on_ball, finger.touches, finger.clock)
+    touches, time = finger.touches, finger.clock
+    return Calibrated(estimate, pad, sheet, on_ball, settings.ball_radius, touches, time)
 
 
 def _presses(
     finger: _Finger, shape: Shape, progress: CalibrationProgress, name: str
 ) -> Iterator[KnownPress]:
-    leans = _tilts(finger.pad)
-    for depth in DEPTHS:
-        for lean in leans:
-            yield finger.touch(shape, lean, depth)
-        progress(f"{len(leans)} presses of {name}, {1e3 * depth:.1f} mm deep")
+    tilts = _tilts(finger.pad, finger.settings)
+    for fraction in finger.settings.depths:
+        depth = fraction * TOUCH_DEPTH
+        for pose in tilts:
+            yield finger.touch(shape, pose, depth)
+        progress(f"{len(tilts)} presses of {name}, {1e3 * depth:.1f} mm deep")
 
 
-def _tilts(pad: Pad) -> list[Pose]:
-    """Poses over the top of something: upright first, then so that each taxel is reached."""
+def _tilts(pad: Pad, settings: PressSettings) -> list[Pose]:
+    """Poses over the top of a shape: upright first, then tilted until each taxel is reached."""
     half = 0.5 * pad.pitch * max(pad.rows - 1, pad.cols - 1)
-    most = math.atan(pad.dome * half) + TOUCH_DEPTH / (2.0 * half)
-    angles = sorted(np.linspace(-most, most, TILTS).tolist(), key=abs)
-    position = np.array([0.0, 0.0, HEIGHT])
+    limit = math.atan(pad.dome * half) + TOUCH_DEPTH / (2.0 * half)
+    angles = sorted(np.linspace(-limit, limit, settings.n_tilts).tolist(), key=abs)
+    position = np.array([0.0, 0.0, settings.start_height])
     turns = [(math.cos(a), math.sin(a)) for a in angles]
     about_x = [np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]]) for c, s in turns]
     about_y = [np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]]) for c, s in turns]
@@ -116,31 +138,32 @@ def _tilts(pad: Pad) -> list[Pose]:
 
 
 def _below(size: Sequence[float], exponent: float) -> Shape:
-    """A superquadric of these half axes, m, with its top at height 0."""
+    """A superquadric with half axes `size` (3,) [m], and its top at height 0."""
     shape = Superquadric(np.array(size), np.full(2, exponent))
     return PosedShape(shape, Pose(np.array([0.0, 0.0, -float(size[2])]), np.eye(3)))
 
 
 class _Finger:
-    """A finger on its way through the presses."""
+    """A finger that makes the presses, one after the other."""
 
-    def __init__(self, pipeline: Pipeline):
+    def __init__(self, pipeline: Pipeline, settings: PressSettings):
         self._pipeline, self._face = pipeline, sensed_face(pipeline)
+        self.settings = settings
         self.pad = pipeline.finger.pad
         self._states: StageStates = pipeline.begin()
         self.touches, self.clock = 0, 0.0
 
     def touch(self, shape: Shape, pose: Pose, depth: float) -> KnownPress:
-        """Press to a depth; 0 to stop before anything is met."""
+        """Press to a depth [m]; 0: stop before contact."""
         pad, sheet = self._pipeline.finger.pad, self._pipeline.finger.calibration
         touch = SimulatedTouch(
             shape=shape,
             number=self.touches,
             believed=pose,
             actual=pose,
-            reach=REACH if depth else 0.0,
+            reach=self.settings.reach if depth else 0.0,
             depth=depth,
-            begun=self.clock + PAUSE,
+            begun=self.clock + self.settings.pause,
             previous=self.clock,
         )
         self._states = self._pipeline.simulate(touch, self._states)
@@ -148,29 +171,31 @@ class _Finger:
         read = sheet.decode(sheet.encode(touch.reading))
         known = _ideal_compression(shape, pad, touch.believed)
         if self._face.kind != "springs":
-            # It is touched by less of the shape than that would cut through it.
+            # The face bulges, so less of the shape touches it than would cut through it.
             subscriber = replace(self.pad, face=self._face)
-            loaded = contact_mask(subscriber, read, CONTACT, self._pipeline.noise)
+            loaded = contact_mask(subscriber, read, MIN_COMPRESSION, self._pipeline.noise)
             known = np.where(loaded, known, 0.0)
         return KnownPress(touch.believed, read, known)
 
 
 def _ideal_compression(shape: Shape, pad: Pad, pose: Pose) -> Floats:
-    """Compression that an ideal pad would have in this pose, (rows, cols), m."""
+    """Compression (rows, cols) [m] of an ideal pad in a pose."""
     ranges = shape.cast(pose.to_outer(pad.transducers()), pose.axes[:, 2], pad.thickness)
     compression = np.clip(pad.thickness - ranges, 0.0, pad.saturation * pad.thickness)
     return compression.reshape((pad.rows, pad.cols))
 
 
-def calibration_figures(found: Calibrated, sensor: SensorSpec) -> dict[str, Any]:
-    """Each quantity with its standard error, a check on the ball, and reasons for doubt, SI."""
-    estimate, reached = found.estimate, found.estimate.reached
+def calibration_figures(
+    calibrated: Calibrated, sensor: SensorSpec, limits: CalibrationLimits = LIMITS
+) -> dict[str, Any]:
+    """Quantities with standard errors in SI units, the check on the ball, and warnings."""
+    estimate, reached = calibrated.estimate, calibrated.estimate.reached
     gain, offset = estimate.gain[reached], estimate.offset[reached]
-    before, after = _radii(found)
+    before, after = _radii(calibrated)
     return {
-        "touches": found.touches,
+        "touches": calibrated.touches,
         "robot": ROBOT,
-        "robot_time_s": found.robot_time,
+        "robot_time_s": calibrated.robot_time,
         "sound_speed_m_s": estimate.sound_speed,
         "sound_speed_error_m_s": estimate.sound_speed_error,  # 0: not estimated
         "sheet_sound_speed_m_s": sensor.pad.sound_speed,
@@ -184,84 +209,105 @@ def calibration_figures(found: Calibrated, sensor: SensorSpec) -> dict[str, Any]
         "calibrated": int(reached.sum()),
         "not_reached": int((estimate.trusted & ~reached).sum()),
         "not_trusted": int((~estimate.trusted).sum()),
-        "ball_radius_m": BALL_RADIUS,
+        "ball_radius_m": calibrated.ball_radius,
         "measured_radius_m": after and after._asdict(),
         "measured_radius_by_sheet_m": before and before._asdict(),
-        "warnings": calibration_warnings(found),
+        "warnings": calibration_warnings(calibrated, limits),
     }
 
 
 def calibration_text(figures: Mapping[str, Any]) -> str:
-    """One line for each quantity with its standard error, and a check on the ball."""
-    one = figures
-    common = 1e6 * one["common_offset_m"]
-    low, high = (1e6 * value - common for value in one["offset_m"])
-    speed = f"{one['sound_speed_m_s']:.1f} +- {one['sound_speed_error_m_s']:.1f} m/s"
-    if not one["sound_speed_error_m_s"]:
-        speed = f"{one['sound_speed_m_s']:.1f} m/s, not estimated: the array sends forces"
+    """Lines of quantities with their standard errors, and of the check on the ball."""
+    common = 1e6 * figures["common_offset_m"]
+    low, high = (1e6 * value - common for value in figures["offset_m"])
+    speed = f"{figures['sound_speed_m_s']:.1f} +- {figures['sound_speed_error_m_s']:.1f} m/s"
+    if not figures["sound_speed_error_m_s"]:
+        speed = f"{figures['sound_speed_m_s']:.1f} m/s, not estimated: the array sends forces"
     rows = [
-        ("touches", f"{one['touches']} in {one['robot_time_s']:.0f} s of robot time ({ROBOT})"),
-        ("sound speed", f"{speed}   (data sheet {one['sheet_sound_speed_m_s']:g})"),
-        ("gain", "{:.4f} to {:.4f}".format(*one["gain"]) + f", each +- {one['gain_error']:.4f}"),
+        (
+            "touches",
+            f"{figures['touches']} in {figures['robot_time_s']:.0f} s of robot time ({ROBOT})",
+        ),
+        ("sound speed", f"{speed}   (data sheet {figures['sheet_sound_speed_m_s']:g})"),
+        (
+            "gain",
+            "{:.4f} to {:.4f}".format(*figures["gain"]) + f", each +- {figures['gain_error']:.4f}",
+        ),
         (
             "offset",
             f"{low:.1f} to {high:.1f} um about a common {common:.1f} um, each +- "
-            f"{1e6 * one['offset_error_m']:.1f} um",
+            f"{1e6 * figures['offset_error_m']:.1f} um",
         ),
-        ("noise", f"{1e6 * one['noise_m']:.2f} um, one taxel"),
-        ("arm", f"{1e6 * one['pose_error_m']:.0f} um off along the pad's normal, one touch"),
+        ("noise", f"{1e6 * figures['noise_m']:.2f} um, one taxel"),
+        (
+            "arm",
+            f"{1e6 * figures['pose_error_m']:.0f} um off along the pad's normal, one touch",
+        ),
         (
             "taxels",
-            f"{one['calibrated']} calibrated, {one['not_reached']} not reached, "
-            f"{one['not_trusted']} not trusted",
+            f"{figures['calibrated']} calibrated, {figures['not_reached']} not reached, "
+            f"{figures['not_trusted']} not trusted",
         ),
         (
             "ball",
-            f"of {1e3 * BALL_RADIUS:g} mm measured as {_mm(one['measured_radius_m'])}; "
-            f"by sheet {_mm(one['measured_radius_by_sheet_m'])}",
+            f"of {1e3 * figures['ball_radius_m']:g} mm measured as "
+            f"{_mm(figures['measured_radius_m'])}; "
+            f"by sheet {_mm(figures['measured_radius_by_sheet_m'])}",
         ),
     ]
     return "\n".join(f"{name:<13}{text}" for name, text in rows)
 
 
 def _mm(radius: Mapping[str, float] | None) -> str:
-    told = radius and f"{1e3 * radius['mean']:.2f} +- {1e3 * radius['error']:.2f} mm"
-    return told or "nothing smooth"
+    if radius is None:
+        return "nothing smooth"
+    return f"{1e3 * radius['mean']:.2f} +- {1e3 * radius['error']:.2f} mm"
 
 
-def calibration_warnings(found: Calibrated) -> list[str]:
-    """Reasons not to trust a calibration, in words; none if there is nothing to say."""
-    estimate = found.estimate
-    told = []
+def calibration_warnings(calibrated: Calibrated, limits: CalibrationLimits = LIMITS) -> list[str]:
+    """Reasons to doubt a calibration, in words; empty without any."""
+    estimate, radius = calibrated.estimate, calibrated.ball_radius
+    warnings = []
     lost = int((~estimate.reached).sum())
-    if lost > MAX_LOST_SHARE * len(estimate.reached):
-        told.append(f"{lost} of {len(estimate.reached)} taxels could not be calibrated")
-    if not MIN_SOUND_SPEED <= estimate.sound_speed <= MAX_SOUND_SPEED:
-        told.append(f"a speed of sound of {estimate.sound_speed:.0f} m/s is none of rubber's")
-    if estimate.gain.max() > MAX_GAIN:
-        told.append(f"a gain of {estimate.gain.max():.1f} is no sensor's")
-    if estimate.pose_error > MAX_POSE_ERROR:
-        told.append(f"the arm was {1e3 * estimate.pose_error:.1f} mm off, or the pad is no spring")
-    before, after = _radii(found)
-    off, was = (math.inf if one is None else abs(one.mean - BALL_RADIUS) for one in (after, before))
-    if after is None or off > MAX_RADIUS_ERROR * BALL_RADIUS:
-        told.append("with it the ball is not measured as a ball of its size")
-    elif off > was + 3 * after.error:
-        told.append("with it the ball is measured worse than by the data sheet")
-    return told
+    if lost > limits.max_lost_share * len(estimate.reached):
+        warnings.append(f"{lost} of {len(estimate.reached)} taxels could not be calibrated")
+    if not limits.min_sound_speed <= estimate.sound_speed <= limits.max_sound_speed:
+        warnings.append(f"a speed of sound of {estimate.sound_speed:.0f} m/s is none of rubber's")
+    if estimate.gain.max() > limits.max_gain:
+        warnings.append(f"a gain of {estimate.gain.max():.1f} is no sensor's")
+    if estimate.pose_error > limits.max_pose_error:
+        warnings.append(
+            f"the arm was {1e3 * estimate.pose_error:.1f} mm off, or the pad is no spring"
+        )
+    before, after = _radii(calibrated)
+    off, off_before = (
+        math.inf if measured is None else abs(measured.mean - radius)
+        for measured in (after, before)
+    )
+    if after is None or off > limits.max_radius_error * radius:
+        warnings.append("with it the ball is not measured as a ball of its size")
+    elif off > off_before + 3 * after.error:
+        warnings.append("with it the ball is measured worse than by the data sheet")
+    return warnings
 
 
-def _radius(found: Calibrated, reading: Callable[[Floats], Floats]) -> MeasuredRadius | None:
-    pad, estimate = found.pad, found.estimate
+def _radius(
+    calibrated: Calibrated, reading: Callable[[Floats], Floats], min_variance: float = 1e-6
+) -> MeasuredRadius | None:
+    """Radius of the ball from its presses; None if fewer than two are smooth.
+
+    `min_variance` [1/m2] of a curvature, which limits the weight of a press.
+    """
+    pad, estimate, up = calibrated.pad, calibrated.estimate, np.array([0.0, 1.0, 0.0])
     lost = ~estimate.trusted.reshape(pad.rows, pad.cols)
     curvatures, weights = [], []
-    for one in found.on_ball:
-        cleaned = clean(pad, reading(one.read), estimate.noise, CONTACT, "auto", lost)
+    for press in calibrated.on_ball:
+        cleaned = clean(pad, reading(press.read), estimate.noise, MIN_COMPRESSION, "auto", lost)
         height = pad.surface(cleaned.compression, cleaned.touched)
-        patch = fit_patch(pad, height, cleaned.touched, UP, estimate.noise)
+        patch = fit_patch(pad, height, cleaned.touched, up, estimate.noise)
         if patch.kind == "smooth" and patch.mean > 0.0:
             curvatures.append(patch.mean)
-            weights.append(1.0 / max(sum(e**2 for e in patch.principal_error), MIN_VARIANCE))
+            weights.append(1.0 / max(sum(e**2 for e in patch.principal_error), min_variance))
     if len(curvatures) < 2:
         return None
     mean, total = float(np.average(curvatures, weights=weights)), float(np.sum(weights))
@@ -270,20 +316,20 @@ def _radius(found: Calibrated, reading: Callable[[Floats], Floats]) -> MeasuredR
     return MeasuredRadius(1.0 / mean, error / mean**2)
 
 
-def _radii(found: Calibrated) -> tuple[MeasuredRadius | None, MeasuredRadius | None]:
-    """The ball's radius by the data sheet, and as the calibration reads the same frames."""
-    estimate, thickness = found.estimate, found.pad.thickness
-    ratio = estimate.sound_speed / found.sheet.sound_speed
-    shape = (found.pad.rows, found.pad.cols)
+def _radii(calibrated: Calibrated) -> tuple[MeasuredRadius | None, MeasuredRadius | None]:
+    """Radius of the ball by the data sheet, and by the calibration."""
+    estimate, thickness = calibrated.estimate, calibrated.pad.thickness
+    ratio = estimate.sound_speed / calibrated.sheet.sound_speed
+    shape = (calibrated.pad.rows, calibrated.pad.cols)
     gain, offset = estimate.gain.reshape(shape), estimate.offset.reshape(shape)
     return (
-        _radius(found, lambda read: read),
-        _radius(found, lambda read: (thickness - ratio * (thickness - read)) * gain + offset),
+        _radius(calibrated, lambda read: read),
+        _radius(calibrated, lambda read: (thickness - ratio * (thickness - read)) * gain + offset),
     )
 
 
 class MeasuredRadius(NamedTuple):
-    """A radius that was measured."""
+    """A measured radius."""
 
-    mean: float  # m
-    error: float  # Its standard error, m
+    mean: float  # [m]
+    error: float  # standard error [m]

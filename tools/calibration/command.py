@@ -17,9 +17,7 @@ from palpate.tools.cli.command_line import (
 )
 
 
-@click.command(
-    "calibrate", short_help="Press a known flat and ball, and say what each taxel means."
-)
+@click.command("calibrate", short_help="Calibrate a sensor by pressing a known flat and ball.")
 @click.argument("scene", shell_complete=complete_scene)
 @out_option("Write the calibration here, as YAML.")
 @JSON
@@ -42,13 +40,13 @@ def calibrate_command(scene: str, out: Path | None, as_json: bool, quiet: bool) 
         check_new(out)
     spec = load_scene(scene).spec
     try:
-        found = calibrate(spec, progress_printer(not quiet, "pressing     {}"))
+        calibrated = calibrate(spec, progress_printer(not quiet, "pressing     {}"))
     except ValueError as error:
         raise InputError(f"{scene}: cannot be calibrated: {error}") from None
-    figures = calibration_figures(found, spec.sensor)
-    lines = [calibration_text(figures), *(f"{'warning':<13}{one}" for one in figures["warnings"])]
+    figures = calibration_figures(calibrated, spec.sensor)
+    lines = [calibration_text(figures), *(f"{'warning':<13}{text}" for text in figures["warnings"])]
     if out is not None and not figures["warnings"]:
-        write_calibration(out, found.estimate, found.pad)
+        write_calibration(out, calibrated.estimate, calibrated.pad)
         figures["written"] = str(out)
         lines.append(f"{'written':<13}{out}")
     elif out is not None:

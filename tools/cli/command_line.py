@@ -1,7 +1,7 @@
-"""``palpate``: the outermost boundary between the program and whoever calls it, and its verbs.
+"""The command line ``palpate``: its commands, common options, and all its error messages.
 
-Every failure leaves here as one sentence on standard error and an exit code; a traceback is
-written to a file, never to the screen. A verb is imported only when it is called.
+A failure ends in one sentence on standard error and an exit code; a traceback is written to a file,
+never to the screen. The module of a command is imported when it is called.
 """
 
 from __future__ import annotations
@@ -33,31 +33,33 @@ from palpate.preloading import THREAD_VARIABLES, open_closed_streams
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
 
-COMMANDS = "palpate.commands"  # Entry points of further commands
-DONE, BAD_INPUT, DIED, INTERRUPTED = 0, 2, 3, 130
+COMMANDS = "palpate.commands"  # entry points of further commands
+DONE, BAD_INPUT, DIED, INTERRUPTED = 0, 2, 3, 130  # exit codes
 HELP_OPTIONS = ["-h", "--help"]
 Command = Callable[..., Any]
-COMPLETE_VARIABLE = "_PALPATE_COMPLETE"  # Of the environment: what a shell asks to be completed
-RUNS = Path("runs")  # As in `palpate.launch`, which takes long to be imported
+COMPLETE_VARIABLE = (
+    "_PALPATE_COMPLETE"  # environment variable by which a shell requests completions
+)
+RUNS = Path("runs")  # as in `palpate.launch`, which is slow to import
 
 
 def completing(
     names: Callable[[click.Context, str], Iterable[str]], *, files: bool = False
 ) -> Callable[[click.Context, click.Parameter, str], list[CompletionItem]]:
-    """What completes an argument: those names that begin as it does, or else `files`."""
+    """Completion of an argument by names that begin with it, or else by `files`."""
 
     def complete(
         context: click.Context, _: click.Parameter, incomplete: str
     ) -> list[CompletionItem]:
-        found = [name for name in names(context, incomplete) if name.startswith(incomplete)]
+        fitting = [name for name in names(context, incomplete) if name.startswith(incomplete)]
         fallback = [CompletionItem(incomplete, type="file")] if files else []
-        return [CompletionItem(name) for name in found] or fallback
+        return [*map(CompletionItem, fitting)] or fallback
 
     return complete
 
 
 def _scenes(_: click.Context, incomplete: str) -> Iterable[str]:
-    """Shipped scenes, and the files that are scenes in the folder that was begun."""
+    """Shipped scenes, and files of scenes in the folder that was typed."""
     from palpate.launch.files.mesh_file import is_mesh_file
     from palpate.launch.scene import shipped_scenes
 
@@ -83,7 +85,7 @@ def _graphs(_: click.Context, __: str) -> Iterable[str]:
 def _nodes(context: click.Context, _: str) -> Iterable[str]:
     from palpate.launch.processes.registry import find_run
 
-    return sorted(one.name for one in find_run(context.params.get("run")).nodes)
+    return sorted(node.name for node in find_run(context.params.get("run")).nodes)
 
 
 def _topics(context: click.Context, _: str) -> Iterable[str]:
@@ -94,47 +96,49 @@ def _topics(context: click.Context, _: str) -> Iterable[str]:
 
 
 def _located_run(_: click.Context, __: click.Parameter, path: Path | None) -> Path | None:
-    if path is None or path.exists():  # most often, and nothing is imported
+    if path is None or path.exists():  # the usual case, without an import
         return path
     from palpate.launch.run_directory import find_run_path
 
     return find_run_path(path)
 
 
-# What several verbs take.
+# Arguments and options of several commands.
 PATH = click.Path(path_type=Path)
 complete_scene = completing(_scenes, files=True)
 complete_topic, complete_node = completing(_topics), completing(_nodes)
 TOPIC = click.argument("topic", shell_complete=complete_topic)
 NODE = click.argument("node", shell_complete=complete_node)
 OPTIONAL_NODE = click.argument("node", required=False, shell_complete=complete_node)
-# Of an argument that is a run: its directory, its recording, or a running graph.
+# Settings of an argument that is a run: its directory, its recording, or a running graph.
 RUN_PATH: dict[str, Any] = {
     "type": PATH,
     "callback": _located_run,
     "shell_complete": completing(_runs, files=True),
 }
-RUN_PATHS = {  # Of several
+RUN_PATHS = {  # of several runs
     **RUN_PATH,
     "nargs": -1,
     "required": True,
-    "callback": lambda context, one, paths: tuple(_located_run(context, one, p) for p in paths),
+    "callback": lambda context, option, paths: tuple(
+        _located_run(context, option, p) for p in paths
+    ),
 }
 BAG = click.argument("bag", **RUN_PATH)
-SEED = click.IntRange(0, 1 << 53)
+SEED = click.IntRange(0, 1 << 53)  # integers that JSON and YAML readers keep exactly
 SETTINGS = click.option(
     "--set", "settings", multiple=True, metavar="NODE.PARAM=VALUE", help="Repeatable."
 )
 REALTIME = click.option(
-    "--realtime", is_flag=True, help="Robot time passes as fast as time, to watch and to speak to."
+    "--realtime", is_flag=True, help="Robot time passes as fast as the clock, for watching."
 )
 COMPOSED = click.option("--composed", is_flag=True, help="All nodes in one process.")
 RUN = click.option(
     "--run",
     metavar="ID",
     shell_complete=completing(_graphs),
-    help="The graph: the beginning of its number, its name or directory. If left out, what "
-    "PALPATE_GRAPH names, or the graph of this folder, or the only one.",
+    help="The graph: the beginning of its number, its name or directory. Default: the graph that "
+    "PALPATE_GRAPH names, or that of this folder, or the only one.",
 )
 JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 UNTRUSTED = click.option(
@@ -143,45 +147,45 @@ UNTRUSTED = click.option(
     help="Refuse a scene that names a program, or files outside its folder.",
 )
 SIZE = click.option(
-    "--size", metavar="LENGTH", help="Of a mesh, in place of a unit: largest extent, as 120mm."
+    "--size", metavar="LENGTH", help="Largest extent of a mesh, instead of a unit: 120mm."
 )
-VIEW = click.option("--view", is_flag=True, help="Show it in the browser: palpate view.")
+VIEW = click.option("--view", is_flag=True, help="Show the run in the browser: palpate view.")
 VERBOSE = click.option("--verbose", is_flag=True, help="Print all figures, and the result last.")
 
 
-def unit_option(what: str, name: str = "--unit") -> Callable[[Command], Command]:
-    """An option that takes a unit of length."""
-    return click.option(name, type=click.Choice(list(METRES_PER_UNIT)), help=what)
+def unit_option(help: str, name: str = "--unit") -> Callable[[Command], Command]:
+    """An option for a unit of length."""
+    return click.option(name, type=click.Choice(list(METRES_PER_UNIT)), help=help)
 
 
-def out_option(told: str, **how: Any) -> Callable[[Command], Command]:
-    """The option that says where to write."""
-    return click.option("-o", "--out", help=told, **{"type": PATH, **how})
+def out_option(help: str, **settings: Any) -> Callable[[Command], Command]:
+    """The option for the path of the output."""
+    return click.option("-o", "--out", help=help, **{"type": PATH, **settings})
 
 
-def quiet_option(told: str = "Print nothing.") -> Callable[[Command], Command]:
+def quiet_option(help: str = "Print nothing.") -> Callable[[Command], Command]:
     """The option to print less."""
-    return click.option("--quiet", is_flag=True, help=told)
+    return click.option("--quiet", is_flag=True, help=help)
 
 
-def names_option(flag: str, told: str) -> Callable[[Command], Command]:
-    """An option that takes names between commas, and is repeatable."""
+def names_option(flag: str, help: str) -> Callable[[Command], Command]:
+    """A repeatable option for names, separated by commas."""
     return click.option(
         flag,
         metavar="A,B",
         multiple=True,
-        help=f"{told} Repeatable.",
+        help=f"{help} Repeatable.",
         callback=lambda _, __, texts: tuple(
             name for text in texts for name in map(str.strip, text.split(",")) if name
         ),
     )
 
 
-def picture_option(flag: str, told: str) -> Callable[[Command], Command]:
-    """The option to draw instead, into a file or, if none is named, to standard output."""
+def picture_option(flag: str, help: str) -> Callable[[Command], Command]:
+    """The option to draw, into a file or, without one, to standard output."""
     path = click.Path(path_type=Path, allow_dash=True)
     return click.option(
-        flag, "picture", help=told, type=path, is_flag=False, flag_value="-", metavar="[OUT.svg]"
+        flag, "picture", help=help, type=path, is_flag=False, flag_value="-", metavar="[OUT.svg]"
     )
 
 
@@ -190,34 +194,34 @@ TOPICS = names_option("--topics", "Only these topics.")
 
 
 def print_figures(figures: Any, text: str, *, as_json: bool) -> None:
-    """Print figures for a program, or the text of them for a person."""
+    """Print figures as JSON, or as text."""
     click.echo(json.dumps(figures, indent=2, allow_nan=False) if as_json else text)
 
 
 def progress_printer(shown: bool, form: str = "{}") -> Callable[[str], None]:
-    """What says on standard error, if that is shown, how far something is."""
+    """Function that prints progress on standard error, or nothing unless `shown`."""
     return lambda text: click.echo(form.format(text), err=True) if shown else None
 
 
 def main(arguments: Sequence[str] | None = None) -> NoReturn:
-    """Do what the command line, without the program's name, asks for, and exit."""
+    """Run the command line, without the name of the program, and exit."""
     _prepare_streams()
-    # Idle threads of linear algebra wait in a loop, which took a tenth of a run's processor time.
+    # Idle threads of linear algebra wait in a busy loop, which took 10 % of a run's processor time.
     for name in THREAD_VARIABLES:
         os.environ.setdefault(name, "1")
     if COMPLETE_VARIABLE in os.environ:
         sys.exit(answer_shell())
     code = run(sys.argv[1:] if arguments is None else arguments)
     _drop_refused_output()
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # there is nothing left to interrupt
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # nothing is left to interrupt
     sys.exit(code)
 
 
 def _prepare_streams() -> None:
-    """Make the standard streams usable, whatever the caller has done to them.
+    """Make the standard streams usable, also if they are closed or broken.
 
-    What an encoding lacks is written as an escape. What standard error cannot take is dropped: it
-    carries no results, and nobody may be listening.
+    Characters outside the encoding are written as escapes. Output that standard error does not
+    take is dropped, since it has no results.
     """
     open_closed_streams()
     if isinstance(sys.stdout, io.TextIOWrapper) and sys.stdout is sys.__stdout__:
@@ -235,7 +239,7 @@ class _LossyFile(io.FileIO):
     """A file that drops what cannot be written to it."""
 
     def write(self, data: Any) -> int:
-        """Write the bytes, or drop them; returns how many are gone."""
+        """Write the bytes, or drop them; returns their number."""
         written = None
         with suppress(OSError):
             written = super().write(data)
@@ -243,7 +247,7 @@ class _LossyFile(io.FileIO):
 
 
 def _drop_refused_output() -> None:
-    """Have standard output lead to nowhere if it takes no more: Python writes its rest at exit."""
+    """Redirect a broken standard output to null, since Python flushes it at exit."""
     try:
         sys.stdout.flush()
     except OSError:
@@ -251,14 +255,14 @@ def _drop_refused_output() -> None:
 
 
 def answer_shell() -> int:
-    """Answer a shell; what goes wrong while it asks is not for the line that is being typed."""
+    """Answer a request of a shell; errors must not appear in the line that is being typed."""
     with suppress(Exception, SystemExit):
         palpate_group.main([], prog_name="palpate", standalone_mode=False)
     return DONE
 
 
 def run(arguments: Sequence[str]) -> int:
-    """Do what the arguments ask for; returns the exit code."""
+    """Run the command of the arguments; returns the exit code."""
     try:
         code = palpate_group.main(list(arguments), prog_name="palpate", standalone_mode=False)
         sys.stdout.flush()
@@ -270,7 +274,7 @@ def run(arguments: Sequence[str]) -> int:
     except click.ClickException as error:
         return _print_error(_usage_text(error), BAD_INPUT)
     except SystemExit as error:
-        # With 1 it is click's own answer to a pipe that was closed while it wrote.
+        # click exits with 1 if a pipe is closed while it writes.
         if error.code == 1:
             return DONE
         text = f"something in the program called exit({error.code}); nothing is done"
@@ -278,19 +282,17 @@ def run(arguments: Sequence[str]) -> int:
     except (KeyboardInterrupt, click.Abort):
         return _print_error("interrupted", INTERRUPTED)
     except BrokenPipeError:
-        return (
-            DONE  # whoever read our output has had enough, as in ``palpate node kinds | head -1``
-        )
+        return DONE  # the reader closed the pipe, as in ``palpate node kinds | head -1``
     except OSError as error:
         text = f"{error.filename or 'the system'}: {error.strerror or error}"
         if error.errno == errno.EMFILE:
             text = "the system allows too few open files: raise their number with ulimit -n 256"
         return _print_error(text, BAD_INPUT)
     except UnicodeEncodeError as error:
-        place = error.object[max(0, error.start - 80) : error.end + 80]
-        text = f"{place!r} is no text in {error.encoding}; give the file or folder another name"
+        context = error.object[max(0, error.start - 80) : error.end + 80]
+        text = f"{context!r} is no text in {error.encoding}; give the file or folder another name"
         return _print_error(text, BAD_INPUT)
-    except Exception as error:  # the outermost boundary: a bug must not reach the screen raw
+    except Exception as error:  # a traceback must not reach the screen
         return _print_error(_bug_text(error), DIED)
     return code if isinstance(code, int) else DONE
 
@@ -318,27 +320,30 @@ def _bug_text(error: Exception) -> str:
 
 
 class NamedGroup(click.Group):
-    """Commands in the order of their definition; one that is mistyped is hinted at."""
+    """Commands in the order of their definition, with a hint for a mistyped one."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        """Names of the verbs."""
+        """Names of the commands."""
         return list(self.commands)
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """The verb that the arguments begin with."""
-        verbs = self.list_commands(ctx)
-        if args[0] not in verbs and not args[0].startswith("-"):
-            raise click.UsageError(f"there is no command {args[0]!r}; {hint(args[0], verbs)}", ctx)
+        """The command that the arguments begin with."""
+        names = self.list_commands(ctx)
+        if args[0] not in names and not args[0].startswith("-"):
+            raise click.UsageError(f"there is no command {args[0]!r}; {hint(args[0], names)}", ctx)
         return super().resolve_command(ctx, args)
 
 
 class LazyGroup(NamedGroup):
-    """Commands by name: the module in which each stands, from here, and its help in one line."""
+    """Commands that are imported when they are called.
+
+    `verbs`: the module of each, relative to this package, and its help in one line.
+    """
 
     def __init__(self, name: str, verbs: Mapping[str, tuple[str, str]], help: str) -> None:
-        # What the outermost verb calls help, all within it do.
+        # Subcommands inherit the names of the help option.
         super().__init__(name, help=help, context_settings={"help_option_names": HELP_OPTIONS})
         self._verbs = verbs
 
@@ -349,12 +354,12 @@ class LazyGroup(NamedGroup):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """The verb that the arguments begin with; entry points are read only for others' verbs."""
+        """The command that the arguments begin with; entry points are read if it is not our own."""
         own = args[0] in self._verbs
         return (click.Group if own else NamedGroup).resolve_command(self, ctx, args)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """The command of a name."""
+        """A command by name."""
         if cmd_name in self._verbs:
             module = import_module(f".{self._verbs[cmd_name][0]}", __package__)
             command: click.Command | None = getattr(module, f"{cmd_name}_command", None)
@@ -366,13 +371,13 @@ class LazyGroup(NamedGroup):
 
     @cached_property
     def _added(self) -> Mapping[str, EntryPoint]:
-        """Commands of optional rooms, and of other packages."""
+        """Commands of optional parts, and of other packages."""
         return entry_points_of(COMMANDS)
 
     def _helps(self, ctx: click.Context) -> list[tuple[str, str]]:
         own = [(verb, text) for verb, (_, text) in self._verbs.items()]
         added = [(verb, self.get_command(ctx, verb)) for verb in sorted(self._added)]
-        return [*own, *((verb, one.get_short_help_str(70)) for verb, one in added if one)]
+        return [*own, *((verb, some.get_short_help_str(70)) for verb, some in added if some)]
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """List the commands."""
@@ -380,14 +385,14 @@ class LazyGroup(NamedGroup):
             formatter.write_dl(self._helps(ctx))
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
-        """What completes the name of a command, or an option."""
+        """Completions of the name of a command, or of an option."""
         helps = self._helps(ctx)
-        found = [CompletionItem(verb, help=t) for verb, t in helps if verb.startswith(incomplete)]
-        return [*found, *click.Command.shell_complete(self, ctx, incomplete)]
+        names = [CompletionItem(verb, help=t) for verb, t in helps if verb.startswith(incomplete)]
+        return [*names, *click.Command.shell_complete(self, ctx, incomplete)]
 
 
 def print_script(context: click.Context, _: click.Parameter, shell: str | None) -> None:
-    """Print what makes a shell complete, and end."""
+    """Print the completion script of a shell, and exit."""
     if shell is not None and not context.resilient_parsing:
         kind = get_completion_class(shell)
         assert kind is not None
@@ -409,13 +414,13 @@ palpate_group = LazyGroup(
         "interface": ("running_graph", "Look at the types of messages."),
         "param": ("running_graph", "Look at the parameters of a running graph's nodes."),
         "doctor": ("running_graph", "Check the machine, the installation and running graphs."),
-        "init": ("solids", "Begin a node, driver, filter, effect or planner of your own."),
-        "rebuild": ("solids", "Rebuild a solid from contours that anybody measured."),
-        "report": ("looking", "Write what a run came to as one page, or two side by side."),
+        "init": ("solids", "Create a node, driver, filter, effect or planner."),
+        "rebuild": ("solids", "Rebuild a solid from measured contours."),
+        "report": ("looking", "Write the report of a run, or of two side by side."),
         "score": ("solids", "Measure a solid against a CAD model or measured points."),
         "export": ("solids", "Write the solid of a run as PLY, STL, 3MF, GLB or OBJ."),
-        "cost": ("recordings", "Say what a recorded run would have cost another robot."),
-        "bench": ("..bench.suite", "Measure what accuracy costs, against other methods."),
+        "cost": ("recordings", "Compute the time of a recorded run with other robots."),
+        "bench": ("..bench.suite", "Measure the cost of accuracy, against other methods."),
     },
     "Touches an unknown object with a simulated fingertip and rebuilds its shape.",
 )
@@ -426,5 +431,5 @@ click.option(
     is_eager=True,
     expose_value=False,
     callback=print_script,
-    help="Print the script by which a shell completes.",
+    help="Print the completion script of a shell.",
 )(palpate_group)

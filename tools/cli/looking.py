@@ -1,4 +1,4 @@
-"""Verbs for who wants to see something: view and report."""
+"""Commands that show a run: view and report."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from palpate.tools.cli.command_line import (
     print_figures,
 )
 
-REPORTS = "palpate.reports"  # Entry points of functions that report folders of a kind of theirs
+REPORTS = "palpate.reports"  # entry points of functions that report other kinds of folders
 
 
 @click.command("view")
@@ -26,16 +26,16 @@ REPORTS = "palpate.reports"  # Entry points of functions that report folders of 
     type=click.IntRange(1, 65535),
     default=8080,
     show_default=True,
-    help="Of this machine; the next free one if it is taken.",
+    help="Port on this machine; the next free one if it is taken.",
 )
 @click.option("--attached", is_flag=True, hidden=True)
 def view_command(run: Path | None, port: int, attached: bool) -> None:
     """Show RUN in the browser, as it runs or from its recording, until Ctrl-C.
 
-    RUN is a run directory, an MCAP file, or the name or number of a running graph; if it is left
-    out, the graph that PALPATE_GRAPH names, or that of this folder, or the only one, or the last
-    run. The page is served to this machine alone and asks nothing of any other. A running
-    graph is never held up by who looks at it. docs/view.md says what is seen.
+    RUN is a run directory, an MCAP file, or the name or number of a running graph. Default: the
+    graph that PALPATE_GRAPH names, or that of this folder, or the only one, or the last run. The
+    page is served to this machine only, and loads nothing from others. A view does not delay a
+    running graph. docs/view.md describes the page.
     """
     from palpate.tools.view.live import view_run
 
@@ -44,27 +44,26 @@ def view_command(run: Path | None, port: int, attached: bool) -> None:
 
 @click.command("report")
 @click.argument("runs", **RUN_PATHS)
-@out_option("The page; report.html in the run's folder, or here of two runs, if left out.")
+@out_option("The page. Default: report.html in the folder of the run, or here for two runs.")
 @JSON
 def report_command(runs: tuple[Path, ...], out: Path | None, as_json: bool) -> None:
     """Write the report of a run, or of two RUNS side by side, as one HTML file.
 
-    A run is its directory or its recording. The page opens from disk without a network: what was
-    found, a three-dimensional view with a slider through the run, what accuracy cost, contours,
-    load, effects, diagnostics, the graph, and how to run it again. Every run leaves one. Of the
-    folder of a sweep, the reports of its runs are written, and its own page anew.
+    RUNS are directories or recordings. The page opens from disk without a network. It has the
+    result, a three-dimensional view with a slider through the run, the cost of accuracy, contours,
+    load, effects, diagnostics, the graph, and the command that repeats the run. Each run writes
+    one at its end. For the folder of a sweep, the reports of its runs and its own page are written.
     """
     from palpate.tools.report.page import REPORT, write_report
 
     if len(runs) > 2:
         raise InputError(f"a report sets at most two runs side by side, got {len(runs)}")
     reports = [point.load() for point in entry_points_of(REPORTS).values()]
-    written: list[Path] = next((found for one in reports if (found := one(runs, out))), [])
+    written: list[Path] = next((paths for report in reports if (paths := report(runs, out))), [])
     if not written:
-        beside = runs[0] if runs[0].is_dir() else runs[0].parent
-        written = [out or (beside if len(runs) == 1 else Path()) / REPORT]
+        folder = runs[0] if runs[0].is_dir() else runs[0].parent
+        written = [out or (folder if len(runs) == 1 else Path()) / REPORT]
         write_report(runs, written[0])
-    names = [str(one) for one in written]
-    print_figures(
-        {"written": names}, "\n".join(f"{one}: written" for one in names), as_json=as_json
-    )
+    names = [*map(str, written)]
+    text = "\n".join(f"{name}: written" for name in names)
+    print_figures({"written": names}, text, as_json=as_json)

@@ -1,4 +1,4 @@
-"""Verbs before a run, scene and init; on solids: rebuild, score and export."""
+"""Commands on scenes and solids: scene, init, rebuild, score and export."""
 
 from __future__ import annotations
 
@@ -28,21 +28,20 @@ REBUILD_HELP = """Rebuild a solid from the contours in POINTS.
 
 \b
 .csv .txt   columns x,y,z and, named by a header, contour, nx,ny,nz, touch;
-            parted by commas, semicolons, tabs or blanks; # begins a comment
+            separated by commas, semicolons, tabs or blanks; # for comments
 .npz        contour_0, contour_1, ..., each (n, 3), or contours with the array
-            contour that numbers their points; normals and tops if there are
-.ply .xyz   a cloud of points at repeated heights, in no order
+            contour that numbers their points; optionally normals and tops
+.ply .xyz   a cloud of points at repeated heights, in any order
 .mcap       a recording of palpate, or the folder of a run
 
-With --method general points need be in no order, and of no contours, if they have normals: columns
-nx,ny,nz, properties nx, ny, nz of a .ply, or arrays points and normals in an .npz; columns touch,
-if several belong to one touch. A recording gives all its taxels. Handles and hollows are found.
---bottom is the height on which the object stands, if it does.
+With --method general points can be in any order, without contours, if they have normals: columns
+nx,ny,nz, properties nx, ny, nz of a .ply, or arrays points and normals in an .npz; a column touch,
+if several belong to one touch. All taxels of a recording are used. Handles and hollows are
+rebuilt. --bottom is the height on which the object stands, if it does.
 
-Contours run around the z axis; each may begin anywhere, in either direction, with any number of
-points; those in no order are put in order where that is safe. Files of points are taken to be in
-m unless told otherwise; lengths among the options are in the same unit. What is written is in m,
-STL and 3MF in mm.
+Contours run around the z axis; each can start anywhere, in either direction, with any number of
+points; unordered points are put in order where that is safe. Points are in m unless --unit states
+another; lengths in options are in the same unit. Files are written in m, STL and 3MF in mm.
 """
 LENGTH = click.FloatRange(min=0.0, min_open=True)
 
@@ -62,14 +61,14 @@ LENGTH = click.FloatRange(min=0.0, min_open=True)
 @click.option("--bottom", type=float, help="Height of the lower end.")
 @click.option("--top", type=float, help="Height of the upper end.")
 @click.option("--noise", type=LENGTH, help="Standard deviation of a coordinate, if known.")
-@click.option("--tolerance", type=LENGTH, help="How far triangles may leave the surface.")
+@click.option("--tolerance", type=LENGTH, help="Largest distance of triangles from the surface.")
 @click.option("--lattice", type=PATH, help="Write the control lattice: .npz or .vtk.")
 @JSON
 @quiet_option("Show no progress.")
 def rebuild_command(
     points: Path, out: tuple[Path, ...], as_json: bool, quiet: bool, **asked: Any
 ) -> None:
-    """Rebuild a solid from a file; `REBUILD_HELP` says how."""
+    """Rebuild a solid from a file; see `REBUILD_HELP`."""
     from palpate.tools import reconstruction
 
     lattice = asked.pop("lattice")
@@ -102,31 +101,31 @@ def score_command(model: Path, reference: Path, as_json: bool, **how: Any) -> No
     a PLY file without faces. Against points the distances are one-sided, from each point to the
     model.
 
-    A file does not say its unit. That of a surface is guessed as palpate run does; where several
-    are likely it is what palpate writes, mm for STL and m for all others. Points are in m, and are
-    found by the names of their columns, as palpate rebuild does. GLB files have y up, and are
-    turned.
+    The unit of a surface, which its file does not state, is guessed as palpate run does; if several
+    are likely, it is that in which palpate writes, mm for STL and m for others. Points are in m,
+    and recognised by the names of their columns, as palpate rebuild does. GLB files have y up, and
+    are turned.
     """
     from palpate.tools.scoring import score, score_text
 
-    found = score(model, reference, **how)
-    print_figures(found, score_text(found), as_json=as_json)
+    record = score(model, reference, **how)
+    print_figures(record, score_text(record), as_json=as_json)
 
 
-EXPORT_HELP = """Write the solid that RUN ended with in formats that other programs read.
+EXPORT_HELP = """Write the final solid of RUN in formats that other programs read.
 
 RUN is a run directory or a recording.
 
 \b
-.ply   m; each vertex has its deviation from the truth, if the run knows
-       that, and the uncertainty that the model states, both in m, and is
+.ply   m; each vertex has its deviation from the truth, if that is known,
+       and the uncertainty that the model states, both in m, and is
        coloured by the first of them
 .stl   mm
-.3mf   mm, which the file says
+.3mf   mm, which the file states
 .glb   m, y up
 .obj   m
 
-A file that is there is replaced. Either all files are written or none.
+Existing files are replaced. Either all files are written or none.
 """
 
 
@@ -135,11 +134,11 @@ A file that is there is replaced. Either all files are written or none.
 @out_option("File: .ply, .stl, .glb, .obj or .3mf. Repeatable.", multiple=True, required=True)
 @JSON
 def export_command(run: Path, out: tuple[Path, ...], as_json: bool) -> None:
-    """Write the solid of a run; `EXPORT_HELP` says how."""
+    """Write the solid of a run; see `EXPORT_HELP`."""
     from palpate.tools.exporting import export, export_text
 
-    told = export(run, out)
-    print_figures(told, export_text(told), as_json=as_json)
+    facts = export(run, out)
+    print_figures(facts, export_text(facts), as_json=as_json)
 
 
 scene_group = NamedGroup("scene", help="List and check scenes.")
@@ -148,7 +147,7 @@ scene_group = NamedGroup("scene", help="List and check scenes.")
 @scene_group.command("list")
 @JSON
 def scene_list(as_json: bool) -> None:
-    """Name the scenes that come with palpate."""
+    """List the scenes of palpate."""
     from palpate.launch.scene import scene_title, shipped_scenes
 
     titles = {name: scene_title(name) for name in shipped_scenes()}
@@ -156,53 +155,53 @@ def scene_list(as_json: bool) -> None:
     print_figures(titles, text, as_json=as_json)
 
 
-@scene_group.command("check", short_help="Say whether a scene can be explored.")
+@scene_group.command("check", short_help="Check whether a scene can be explored.")
 @click.argument("scene", shell_complete=complete_scene)
-@unit_option("Of a mesh: its file tells none.")
+@unit_option("Unit of a mesh.")
 @SIZE
 @UNTRUSTED
 @JSON
 def scene_check(scene: str, as_json: bool, **how: Any) -> None:
-    """Say whether SCENE can be explored, how large its object is, and what is simulated.
+    """Check whether SCENE can be explored; prints the size of its object and what is simulated.
 
-    SCENE is a shipped scene's name, a YAML file or a mesh; of a mesh it is told what was mended.
+    SCENE is the name of a shipped scene, a YAML file or a mesh; repairs of a mesh are printed.
     """
     from palpate.tools.scene_text import check_scene, scene_figures, scene_text
 
-    found = check_scene(scene, **how)
-    print_figures(scene_figures(found), scene_text(found), as_json=as_json)
+    checked = check_scene(scene, **how)
+    print_figures(scene_figures(checked), scene_text(checked), as_json=as_json)
 
 
-@scene_group.command("effects", short_help="Name the effects that a scene may list.")
+@scene_group.command("effects", short_help="List the effects that a scene can have.")
 @JSON
 def scene_effects(as_json: bool) -> None:
-    """Name the effects that a scene may list, their parameters, defaults and ranges."""
+    """List the effects that a scene can have, with parameters, defaults and ranges."""
     from palpate.tools.scene_text import effects_text, list_effects
 
     effects = list_effects()
     print_figures(effects, effects_text(effects), as_json=as_json)
 
 
-init_group = NamedGroup("init", help="Begin something of your own from a working example.")
+init_group = NamedGroup("init", help="Create a module from a working example.")
 
 
-@init_group.command("effect", short_help="Begin an effect.")
+@init_group.command("effect", short_help="Create an effect.")
 @click.argument("name")
 def init_effect_command(name: str) -> None:
-    """Write NAME.py and test_NAME.py here: an effect that works, to be changed."""
+    """Write NAME.py and test_NAME.py here: a working effect to start from."""
     from palpate.tools.init import begin
 
     (path, test), listed = begin("effect", name, Path())
-    click.echo(f"{path}: written, and what must hold of it: python -m pytest {test}")
+    click.echo(f"{path}: written; to test it: python -m pytest {test}")
     click.echo("list it in a scene, and start palpate in this folder:")
     click.echo(f"effects:\n  - {listed}")
 
 
-@init_group.command("planner", short_help="Begin a planner.")
+@init_group.command("planner", short_help="Create a planner.")
 @click.argument("name")
-@click.option("--touches", is_flag=True, help="It chooses single touches, not slices.")
+@click.option("--touches", is_flag=True, help="A planner of single touches instead of slices.")
 def init_planner_command(name: str, touches: bool) -> None:
-    """Write NAME.py and test_NAME.py here: a planner that works, to be changed."""
+    """Write NAME.py and test_NAME.py here: a working planner to start from."""
     from palpate.tools.init import begin
 
     template = "planner_touches" if touches else "planner"
@@ -212,7 +211,7 @@ def init_planner_command(name: str, touches: bool) -> None:
     click.echo(f"explore:\n  planner: {named}")
 
 
-def _begin_node(name: str, kind: Any, topic: str) -> None:
+def _init_node(name: str, kind: Any, topic: str) -> None:
     from palpate.tools.init import begin
 
     (module, test, graph, *more), _ = begin(kind, name, Path())
@@ -223,21 +222,16 @@ def _begin_node(name: str, kind: Any, topic: str) -> None:
     click.echo(f"  look:       palpate topic echo {topic.format(name)}")
 
 
-for kind, topic, short, told in (
-    ("node", "/{}", "Begin a node.", "a node that works, to be changed."),
-    (
-        "driver",
-        "/touch/patch",
-        "Begin a driver for a sensor.",
-        "a driver for a sensor of your own.",
-    ),
+for kind, topic, short, contents in (
+    ("node", "/{}", "Create a node.", "a working node to start from."),
+    ("driver", "/touch/patch", "Create a driver for a sensor.", "a working driver to start from."),
     (
         "filter",
         "/touch/image",
-        "Begin a filter of frames.",
-        "palpate's own filter, to be changed; its steps are in NAME_steps.py.",
+        "Create a filter of frames.",
+        "a copy of palpate's filter; its steps are in NAME_steps.py.",
     ),
 ):
     init_group.command(
-        kind, short_help=short, help=f"Write NAME.py, test_NAME.py and NAME.yaml here: {told}"
-    )(click.argument("name")(partial(_begin_node, kind=kind, topic=topic)))
+        kind, short_help=short, help=f"Write NAME.py, test_NAME.py and NAME.yaml here: {contents}"
+    )(click.argument("name")(partial(_init_node, kind=kind, topic=topic)))

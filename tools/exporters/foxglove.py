@@ -1,7 +1,7 @@
 """A recording as an MCAP file in JSON that Foxglove shows.
 
-What is drawn becomes its own messages, in the colours of its layers; models are coloured by how
-good they are. Schemas are those of foxglove-sdk, as far as they are used.
+Drawables become messages of Foxglove in the colours of their layers; models are coloured by their
+deviation or uncertainty. Schemas are those of foxglove-sdk, as far as they are used.
 """
 
 from __future__ import annotations
@@ -41,18 +41,17 @@ from palpate.tools.surfaces import vertex_colours
 
 SCENE = "foxglove.SceneUpdate"
 WORLD_FRAME = "world"
-FRAMES, FRAMES_TOPIC = "foxglove.FrameTransforms", "/tf"  # Of the fingers
+FRAMES, FRAMES_TOPIC = "foxglove.FrameTransforms", "/tf"  # of the fingers
 LEVELS = {"debug": 1, "info": 2, "warning": 3, "error": 4}
 LINE_STRIP, MATCHING_ID, UINT8, FLOAT32 = 0, 0, 1, 7
-LEAVES = {"foxglove.PoseInFrame": "pose"}  # Of topics that are not named by their layer
-LINE_PIXELS = 3.0  # Width of a contour
-CELL = np.dtype(  # A point of a cloud
+LEAVES = {"foxglove.PoseInFrame": "pose"}  # last parts of topics that are not a layer's name
+CELL = np.dtype(  # of a point of a cloud
     [
         *((name, "<f4") for name in "xyz"),
         *((name, "u1") for name in ("red", "green", "blue", "alpha")),
     ]
 )
-INSTEAD = (types.ShapeModel, types.Truth, types.LogRecord)  # Shown as Foxglove's messages alone
+REPLACED = (types.ShapeModel, types.Truth, types.LogRecord)  # written as Foxglove's messages only
 IDENTITY = {
     "position": {"x": 0.0, "y": 0.0, "z": 0.0},
     "orientation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0},
@@ -64,8 +63,8 @@ Schema = dict[str, Any]
 def write_foxglove(source: DecodedRecording, path: Path) -> int:
     """Write a new file; returns the number of messages.
 
-    Models, the truth and log lines become Foxglove's own messages; what else is drawn has them
-    beside what was recorded. All else is JSON, arrays as lists.
+    Models, the truth and log lines become Foxglove's own messages. Other messages become JSON with
+    arrays as lists; if they are drawn, Foxglove's messages are added.
     """
     with path.open("xb") as file:
         writer = Writer(file, compression=CompressionType.LZ4)
@@ -77,7 +76,7 @@ def write_foxglove(source: DecodedRecording, path: Path) -> int:
             if decoded.topic not in source.topics:
                 continue
             shown, cls = [*foxglove_messages(decoded, known)], type(decoded.message)
-            if cls not in INSTEAD:
+            if cls not in REPLACED:
                 whole = FoxgloveMessage(decoded.topic, cls.__name__, plain_json(decoded.message))
                 shown = [whole, *shown]
             for topic, name, content in shown:
@@ -96,20 +95,20 @@ def write_foxglove(source: DecodedRecording, path: Path) -> int:
 
 
 def plain_json(message: Any) -> dict[str, Any]:
-    """A message as JSON has it, its arrays as lists within lists."""
-    found = {field.name: getattr(message, field.name) for field in dataclasses.fields(message)}
-    return {name: v.tolist() if isinstance(v, np.ndarray) else v for name, v in found.items()}
+    """Fields of a message as JSON values, arrays as nested lists."""
+    values = {field.name: getattr(message, field.name) for field in dataclasses.fields(message)}
+    return {name: v.tolist() if isinstance(v, np.ndarray) else v for name, v in values.items()}
 
 
 def plain_schema(cls: type) -> dict[str, Any]:
-    """JSON schema of a message as `plain_json` gives it."""
+    """JSON schema of what `plain_json` returns for a message."""
     described = schema(cls)
-    fields = {name: _plain_field(one) for name, one in described["properties"].items()}
+    fields = {name: _plain_field(rule) for name, rule in described["properties"].items()}
     return {**described, "properties": fields}
 
 
 def _plain_field(described: dict[str, Any]) -> dict[str, Any]:
-    """Schema of a field, whose arrays are lists and no longer bytes."""
+    """Schema of a field whose arrays are lists instead of bytes."""
     if "dtype" not in described:
         return described
     kind = np.dtype(described["dtype"]).kind
@@ -130,28 +129,29 @@ class FoxgloveMessage(NamedTuple):
 
 
 def foxglove_messages(decoded: DecodedMessage, known: Known) -> Iterator[FoxgloveMessage]:
-    """What Foxglove draws of a message: on its own topic if it is shown `INSTEAD`, or below it."""
-    below = not isinstance(decoded.message, INSTEAD)
-    for one in drawables(decoded.message, known):
-        write = WRITERS[type(one.shape)]
-        for name, content in write(one, one.shape, foxglove_time(decoded.sent_ns)):
-            topic = f"{decoded.topic}/{LEAVES.get(name, one.layer)}" if below else decoded.topic
+    """Foxglove's messages of a message: on its topic if they replace it, else on topics below."""
+    below = not isinstance(decoded.message, REPLACED)
+    for drawable in drawables(decoded.message, known):
+        write = WRITERS[type(drawable.shape)]
+        for name, content in write(drawable, drawable.shape, foxglove_time(decoded.sent_ns)):
+            leaf = LEAVES.get(name, drawable.layer)
+            topic = f"{decoded.topic}/{leaf}" if below else decoded.topic
             yield FoxgloveMessage(FRAMES_TOPIC if name == FRAMES else topic, name, content)
 
 
 Stamp = dict[str, int]
-Written = Iterator[tuple[str, dict[str, Any]]]  # Name of a schema, and the content
+Written = Iterator[tuple[str, dict[str, Any]]]  # names of schemas, and contents
 
 
-def _nothing(one: Drawable, _: Nothing, stamp: Stamp) -> Written:
-    """What was there before must go."""
-    gone = {"timestamp": stamp, "type": MATCHING_ID, "id": one.path}
-    yield SCENE, {"deletions": [gone], "entities": []}
+def _nothing(drawable: Drawable, _: Nothing, stamp: Stamp) -> Written:
+    """Remove the entity that was shown before."""
+    removed = {"timestamp": stamp, "type": MATCHING_ID, "id": drawable.path}
+    yield SCENE, {"deletions": [removed], "entities": []}
 
 
-def _mesh(one: Drawable, mesh: Mesh, stamp: Stamp) -> Written:
-    """A mesh in the colour of its layer, or by what is known of its vertices."""
-    facts, colours, coloured = dict(one.facts), [], vertex_colours(mesh.scalars())
+def _mesh(drawable: Drawable, mesh: Mesh, stamp: Stamp) -> Written:
+    """A mesh in the colour of its layer, or coloured by a scalar of its vertices."""
+    facts, colours, coloured = dict(drawable.facts), [], vertex_colours(mesh.scalars())
     if coloured is not None:
         facts |= {"coloured_by": coloured.name, "colours_end_m": coloured.top}
         shares = (coloured.colours / 255.0).round(4).tolist()
@@ -159,24 +159,25 @@ def _mesh(one: Drawable, mesh: Mesh, stamp: Stamp) -> Written:
     triangles = {
         "pose": IDENTITY,
         "points": _points(mesh.vertices),
-        "color": _colour(one.layer),
+        "color": _colour(drawable.layer),
         "colors": colours,
         "indices": mesh.faces.ravel().tolist(),
     }
-    yield _entity(one, stamp, facts, triangles=[triangles])
+    yield _entity(drawable, stamp, facts, triangles=[triangles])
 
 
-def _lines(one: Drawable, lines: Lines, stamp: Stamp) -> Written:
-    shared = {"pose": IDENTITY, "thickness": LINE_PIXELS, "scale_invariant": True, "indices": []}
-    shared |= {"type": LINE_STRIP, "color": _colour(one.layer), "colors": []}
+def _lines(drawable: Drawable, lines: Lines, stamp: Stamp, width: float = 3.0) -> Written:
+    """Line strips; `width` [pixels]."""
+    shared = {"pose": IDENTITY, "thickness": width, "scale_invariant": True, "indices": []}
+    shared |= {"type": LINE_STRIP, "color": _colour(drawable.layer), "colors": []}
     strips = [{**shared, "points": _points(strip)} for strip in lines.strips]
-    yield _entity(one, stamp, one.facts, lines=strips)
+    yield _entity(drawable, stamp, drawable.facts, lines=strips)
 
 
-def _cloud(one: Drawable, points: Points, stamp: Stamp) -> Written:
+def _cloud(drawable: Drawable, points: Points, stamp: Stamp) -> Written:
     """Points in the colour of their layer."""
     cells = np.zeros(len(points.points), CELL)
-    values = (*points.points.T, *LAYERS[one.layer].rgb, 255)
+    values = (*points.points.T, *LAYERS[drawable.layer].rgb, 255)
     for name, value in zip(CELL.names or (), values, strict=True):
         cells[name] = value
     fields = [
@@ -196,8 +197,8 @@ def _cloud(one: Drawable, points: Points, stamp: Stamp) -> Written:
     )
 
 
-def _finger(one: Drawable, finger: Finger, stamp: Stamp) -> Written:
-    """The pose, the frame, and the pad as a plate once the sensor is known."""
+def _finger(drawable: Drawable, finger: Finger, stamp: Stamp) -> Written:
+    """The pose, the frame and, once the sensor is known, the pad as a plate."""
     pose = foxglove_pose(finger.pose)
     transform = {
         "timestamp": stamp,
@@ -210,18 +211,18 @@ def _finger(one: Drawable, finger: Finger, stamp: Stamp) -> Written:
     yield FRAMES, {"transforms": [transform]}
     if finger.pad is not None:
         size = dict(zip("xyz", pad_size(finger.pad), strict=True))
-        cube = {"pose": pose, "size": size, "color": _colour(one.layer)}
-        yield _entity(one, stamp, one.facts, cubes=[cube])
+        cube = {"pose": pose, "size": size, "color": _colour(drawable.layer)}
+        yield _entity(drawable, stamp, drawable.facts, cubes=[cube])
 
 
-def _image(one: Drawable, image: Image, stamp: Stamp) -> Written:
-    """Compression in metres."""
+def _image(drawable: Drawable, image: Image, stamp: Stamp) -> Written:
+    """Compression [m]."""
     rows, columns = image.values.shape
     yield (
         "foxglove.RawImage",
         {
             "timestamp": stamp,
-            "frame_id": one.path.replace("compression/", "finger_"),
+            "frame_id": drawable.path.replace("compression/", "finger_"),
             "width": columns,
             "height": rows,
             "encoding": "32FC1",
@@ -231,12 +232,12 @@ def _image(one: Drawable, image: Image, stamp: Stamp) -> Written:
     )
 
 
-def _nowhere(one: Drawable, number: Number, stamp: Stamp) -> Written:
+def _number(drawable: Drawable, number: Number, stamp: Stamp) -> Written:
     """Numbers are left out: Foxglove plots the fields of the messages themselves."""
     return iter(())
 
 
-def _text(one: Drawable, line: Text, stamp: Stamp) -> Written:
+def _text(drawable: Drawable, line: Text, stamp: Stamp) -> Written:
     content = {"timestamp": stamp, "level": LEVELS[line.level], "message": line.text}
     yield "foxglove.Log", {**content, "name": line.node, "file": "", "line": 0}
 
@@ -249,26 +250,26 @@ WRITERS: Mapping[type, Callable[[Drawable, Any, Stamp], Written]] = {
     Finger: _finger,
     Image: _image,
     Text: _text,
-    Number: _nowhere,
+    Number: _number,
 }
 
 
 def foxglove_pose(pose: Floats) -> dict[str, Any]:
-    """A pose as Foxglove has it."""
+    """A pose (7,) as Foxglove's message."""
     x, y, z, *turn = pose.tolist()
     orientation = dict(zip("xyzw", turn, strict=True))
     return {"position": {"x": x, "y": y, "z": z}, "orientation": orientation}
 
 
 def foxglove_time(ns: int) -> dict[str, int]:
-    """A time as Foxglove has it."""
+    """A time [ns] as Foxglove's message."""
     sec, nsec = divmod(ns, 1_000_000_000)
     return {"sec": sec, "nsec": nsec}
 
 
 def _colour(layer: str) -> Mapping[str, float]:
-    """The colour of a layer, 0 to 1."""
-    shares = (round(one / 255.0, 4) for one in LAYERS[layer].rgb)
+    """Red, green, blue and opacity of a layer, 0 to 1."""
+    shares = (round(level / 255.0, 4) for level in LAYERS[layer].rgb)
     return {**dict(zip("rgb", shares, strict=True)), "a": LAYERS[layer].opacity}
 
 
@@ -277,12 +278,12 @@ def _points(points: Floats) -> list[dict[str, float]]:
 
 
 def _entity(
-    one: Drawable, stamp: Stamp, facts: Mapping[str, object], **primitives: list[Any]
+    drawable: Drawable, stamp: Stamp, facts: Mapping[str, object], **primitives: list[Any]
 ) -> tuple[str, dict[str, Any]]:
     entity = {
         "timestamp": stamp,
         "frame_id": WORLD_FRAME,
-        "id": one.path,
+        "id": drawable.path,
         "lifetime": {"sec": 0, "nsec": 0},
         "frame_locked": False,
         "metadata": [{"key": key, "value": str(value)} for key, value in facts.items()],
@@ -292,21 +293,21 @@ def _entity(
 
 
 def _schema(kind: Any) -> Schema:
-    """JSON schema of a type as `foxglove.json` names it; a list of one holds many of it."""
+    """JSON schema of a type named in `foxglove.json`; a list of one type stands for an array."""
     if isinstance(kind, list):
         return {"type": "array", "items": _schema(kind[0])}
     if kind in _DATA["base"]:
         return dict(_DATA["base"][kind])
-    title, told = f"foxglove.{kind}", _DATA["types"][kind]
-    if isinstance(told, list):
-        options = [{"title": name, "const": number} for number, name in enumerate(told)]
+    title, content = f"foxglove.{kind}", _DATA["types"][kind]
+    if isinstance(content, list):
+        options = [{"title": name, "const": number} for number, name in enumerate(content)]
         return {"title": title, "oneOf": options}
-    fields = {name: _schema(one) for name, one in told.items()}
+    fields = {name: _schema(field) for name, field in content.items()}
     return {"title": title, "type": "object", "properties": fields, "required": list(fields)}
 
 
 _DATA: dict[str, Any] = json.loads(Path(__file__).with_name("foxglove.json").read_text("utf-8"))
 # Schemas of whole messages, by their names.
-SCHEMAS: Mapping[str, Schema] = {f"foxglove.{one}": _schema(one) for one in _DATA["messages"]}
+SCHEMAS: Mapping[str, Schema] = {f"foxglove.{kind}": _schema(kind) for kind in _DATA["messages"]}
 
 FORMAT = ExportFormat(write_foxglove, "messages")

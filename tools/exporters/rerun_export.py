@@ -1,7 +1,7 @@
 """A recording as an RRD file that the Rerun viewer shows, along the timeline ``robot_time``.
 
-The world has z up; touched points stay, models are coloured by how good they are, and error and
-bound are curves in mm. It needs rerun-sdk, which palpate does not bring along: `palpate[rerun]`.
+The world has z up. Touched points accumulate, models are coloured by deviation or uncertainty, and
+error and bound are curves [mm]. It needs rerun-sdk, an optional dependency: `palpate[rerun]`.
 """
 
 from __future__ import annotations
@@ -38,7 +38,6 @@ from palpate.tools.surfaces import vertex_colours
 
 TIMELINE = "robot_time"
 LEVELS = {"debug": "DEBUG", "info": "INFO", "warning": "WARN", "error": "ERROR"}
-LINE_PIXELS = 2.0
 
 
 def write_rerun(source: DecodedRecording, path: Path) -> int:
@@ -59,19 +58,19 @@ def write_rerun(source: DecodedRecording, path: Path) -> int:
         known.take(decoded.message)
         if decoded.topic not in source.topics:
             continue
-        found = drawables(decoded.message, known)
-        for one in found:
-            if one.time is not None:
-                stream.set_time(TIMELINE, duration=one.time)
-            entity = f"world/{one.path}" if one.layer in LAYERS else one.path
-            stream.log(entity, *writer.archetypes(one), static=one.time is None)
-        shown += bool(found)
+        drawn = drawables(decoded.message, known)
+        for drawable in drawn:
+            if drawable.time is not None:
+                stream.set_time(TIMELINE, duration=drawable.time)
+            entity = f"world/{drawable.path}" if drawable.layer in LAYERS else drawable.path
+            stream.log(entity, *writer.archetypes(drawable), static=drawable.time is None)
+        shown += bool(drawn)
     stream.disconnect()
     return shown
 
 
 def _layout(blueprint: Any) -> Any:
-    """Views side by side; all that was touched before stays, as its entity is logged anew."""
+    """Views side by side; layers that accumulate show all times up to the current one."""
     past = blueprint.VisibleTimeRange(
         TIMELINE,
         start=blueprint.TimeRangeBoundary.infinite(),
@@ -105,19 +104,20 @@ def _layout(blueprint: Any) -> Any:
 class RerunWriter:
     """Turns drawables into archetypes of Rerun."""
 
-    rerun: Any  # The module
+    rerun: Any  # the module
+    line_width: float = 2.0  # [pixels]
 
-    def archetypes(self, one: Drawable) -> tuple[Any, ...]:
-        """What Rerun shows of a drawable."""
-        rerun, shape = self.rerun, one.shape
-        colour = LAYERS[one.layer].rgb if one.layer in LAYERS else None
+    def archetypes(self, drawable: Drawable) -> tuple[Any, ...]:
+        """Archetypes of a drawable."""
+        rerun, shape = self.rerun, drawable.shape
+        colour = LAYERS[drawable.layer].rgb if drawable.layer in LAYERS else None
         match shape:
             case Mesh():
-                return self._mesh(one, shape)
+                return self._mesh(drawable, shape)
             case Points():
                 return (rerun.Points3D(shape.points, colors=colour, radii=shape.radius),)
             case Lines():
-                width = rerun.Radius.ui_points(LINE_PIXELS)
+                width = rerun.Radius.ui_points(self.line_width)
                 return (rerun.LineStrips3D(list(shape.strips), colors=colour, radii=width),)
             case Finger():
                 return self._finger(shape, colour)
@@ -131,10 +131,10 @@ class RerunWriter:
             case Nothing():
                 return (rerun.Clear(recursive=False),)
 
-    def _mesh(self, one: Drawable, mesh: Mesh) -> tuple[Any, ...]:
-        """A mesh in the colour of its layer, or by what is known of its vertices."""
-        layer, coloured = LAYERS[one.layer], vertex_colours(mesh.scalars())
-        facts = dict(one.facts)
+    def _mesh(self, drawable: Drawable, mesh: Mesh) -> tuple[Any, ...]:
+        """A mesh in the colour of its layer, or coloured by a scalar of its vertices."""
+        layer, coloured = LAYERS[drawable.layer], vertex_colours(mesh.scalars())
+        facts = dict(drawable.facts)
         if coloured is not None:
             facts |= {"coloured_by": coloured.name, "colours_end_m": coloured.top}
         shown = self.rerun.Mesh3D(
@@ -147,7 +147,7 @@ class RerunWriter:
         return shown, self.rerun.AnyValues(**facts)
 
     def _finger(self, finger: Finger, colour: Any) -> tuple[Any, ...]:
-        """The pose, and the pad as a plate once the sensor is known."""
+        """The pose and, once the sensor is known, the pad as a plate."""
         turn = self.rerun.Quaternion(xyzw=finger.pose[3:])
         placed = self.rerun.Transform3D(translation=finger.pose[:3], rotation=turn)
         if finger.pad is None:
@@ -157,7 +157,7 @@ class RerunWriter:
 
 
 def _vertex_normals(vertices: Floats, faces: Faces) -> Floats:
-    """Unit normals (n, 3), by area, without which Rerun does not shade; 0 where there is none."""
+    """Unit normals (n, 3) weighted by area, which Rerun needs for shading; 0 without a face."""
     corners = vertices[faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     total = np.zeros_like(vertices)

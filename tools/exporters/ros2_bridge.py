@@ -2,16 +2,16 @@
 
     python -m palpate.tools.exporters.ros2_bridge --topics /touch/patch,/model/shape
 
-Each message becomes messages that every ROS 2 has, so that nothing is to be built: all of it as
-JSON on ``/palpate/TOPIC``, and what RViz can draw on topics below, named by the field: poses,
-images of taxels, points, and a mesh. What `ros_messages` makes is plain values; this chapter has
-been run with a stand-in for `rclpy` only.
+Each message becomes messages of standard ROS 2 packages, so that nothing has to be built: the whole
+message as JSON on ``/palpate/TOPIC``, and what RViz can draw on topics below, named by the field:
+poses, images of taxels, points, and a mesh. This file was tested with a stand-in for `rclpy` only.
 """
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterator, Sequence
+from itertools import chain
 from typing import Any, NamedTuple
 
 import click
@@ -31,61 +31,60 @@ from palpate.tools.introspection.topics import (
 )
 
 NAMESPACE = "/palpate"
-FRAME = "world"  # All poses and points are in it
-MOST_ELEMENTS = 1024  # A larger array is told in JSON by its shape
-DEPTH = 64  # Messages that a ROS 2 publisher keeps
-TRIANGLE_LIST, FLOAT32 = 11, 7  # Of visualization_msgs/Marker and sensor_msgs/PointField
+FRAME = "world"  # of all poses and points
+TRIANGLE_LIST, FLOAT32 = 11, 7  # of visualization_msgs/Marker and sensor_msgs/PointField
 
 
 class RosMessage(NamedTuple):
     """A message for ROS 2 in plain values."""
 
     topic: str
-    type: str  # As ``std_msgs/msg/String``
+    type: str  # such as ``std_msgs/msg/String``
     fields: dict[str, Any]
 
 
 def ros_messages(topic: str, message: object) -> Iterator[RosMessage]:
-    """What a message on a topic becomes in ROS 2; also one of a type of somebody's own.
+    """Messages for ROS 2 of a message on a topic, whose type may be a user's own.
 
-    Poses are (7,), images (rows, cols), points (n, 3) in m, meshes `vertices` with `faces`.
+    Recognised fields: poses (7,), images (rows, cols), points (n, 3) [m], `vertices` with `faces`.
     """
-    at, rules = f"{NAMESPACE}{topic}", schema(type(message))["properties"]
+    base, rules = f"{NAMESPACE}{topic}", schema(type(message))["properties"]
     header = {"stamp": _stamp(getattr(message, "robot_time", 0.0)), "frame_id": FRAME}
     text = msgspec.json.encode(_values(message, rules), enc_hook=_plain).decode()
-    yield RosMessage(at, "std_msgs/msg/String", {"data": text})
+    yield RosMessage(base, "std_msgs/msg/String", {"data": text})
     for name, rule in rules.items():
         value, shape = getattr(message, name), [*rule.get("shape", ())]
         if shape == [7]:
             stamped = {"header": header, "pose": _pose(value)}
-            yield RosMessage(f"{at}/{name}", "geometry_msgs/msg/PoseStamped", stamped)
+            yield RosMessage(f"{base}/{name}", "geometry_msgs/msg/PoseStamped", stamped)
         elif shape == [None, None] and rule["dtype"] == "<f8":
-            yield RosMessage(f"{at}/{name}", "sensor_msgs/msg/Image", _image(header, value))
+            yield RosMessage(f"{base}/{name}", "sensor_msgs/msg/Image", _image(header, value))
         elif shape == [None, 3] and rule["unit"] == "m" and "faces" not in rules:
-            yield RosMessage(f"{at}/{name}", "sensor_msgs/msg/PointCloud2", _cloud(header, value))
+            yield RosMessage(f"{base}/{name}", "sensor_msgs/msg/PointCloud2", _cloud(header, value))
     if {"vertices", "faces"} <= rules.keys():
         corners = message.vertices[message.faces.ravel()]  # type: ignore[attr-defined]
-        yield RosMessage(f"{at}/mesh", "visualization_msgs/msg/Marker", _marker(header, corners))
+        yield RosMessage(f"{base}/mesh", "visualization_msgs/msg/Marker", _marker(header, corners))
 
 
 def _values(message: object, rules: dict[str, Any]) -> dict[str, Any]:
     return {name: getattr(message, name) for name in rules}
 
 
-def _plain(value: Any) -> Any:
+def _plain(value: Any, max_elements: int = 1024) -> Any:
+    """An array as nested lists, or only its shape if it has more than `max_elements`."""
     if not isinstance(value, np.ndarray):
         raise NotImplementedError
-    return value.tolist() if value.size <= MOST_ELEMENTS else {"shape": [*value.shape]}
+    return value.tolist() if value.size <= max_elements else {"shape": [*value.shape]}
 
 
 def _stamp(seconds: float) -> dict[str, int]:
-    """A time of ROS 2, rounded down to ns."""
+    """A time [s] as ROS 2 has it, rounded down to 1 ns."""
     whole = int(seconds)
     return {"sec": whole, "nanosec": int((seconds - whole) * 1e9)}
 
 
 def _pose(pose: Any) -> dict[str, Any]:
-    values = [float(one) for one in pose]
+    values = [float(value) for value in pose]
     position, turn = zip("xyz", values, strict=False), zip("xyzw", values[3:], strict=True)
     return {"position": dict(position), "orientation": dict(turn)}
 
@@ -135,12 +134,12 @@ def _marker(header: dict[str, Any], corners: Any) -> dict[str, Any]:
 
 
 class RosPublishers:
-    """The publishers of one ROS 2 node, made when they are needed.
+    """Publishers of one ROS 2 node, made with the first message of each topic.
 
-    Raises InputError if there is no ROS 2 for this Python.
+    `depth`: messages that a publisher keeps. Raises InputError if this Python has no ROS 2.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, depth: int = 64) -> None:
         try:
             import rclpy
             from rclpy import qos
@@ -152,17 +151,18 @@ class RosPublishers:
                 f"it for Python {sys.version_info.major}.{sys.version_info.minor}"
             ) from None
         rclpy.init(args=[])
+        self._depth = depth
         self._rclpy, self._qos = rclpy, qos
         self._set_fields, self._get_type = set_message_fields, get_message
         self._node = rclpy.create_node("palpate_bridge")
         self._publishers: dict[str, tuple[Any, Any]] = {}
 
     def publish(self, message: RosMessage, kind: type) -> None:
-        """Publish what a message of some type has become; what is latched there is here, too."""
+        """Publish a message made from one of type `kind`; it is latched if `kind` is."""
         if message.topic not in self._publishers:
             durability = self._qos.DurabilityPolicy
             profile = self._qos.QoSProfile(
-                depth=1 if kind in LATCHED - ALL_KEPT else DEPTH,
+                depth=1 if kind in LATCHED - ALL_KEPT else self._depth,
                 reliability=self._qos.ReliabilityPolicy.RELIABLE,
                 durability=durability.TRANSIENT_LOCAL if kind in LATCHED else durability.VOLATILE,
             )
@@ -181,19 +181,19 @@ class RosPublishers:
 
 
 def bridge(run: str | None, names: Sequence[str], echo: Callable[[str], None]) -> None:
-    """Publish topics of a running graph, all if none is named, until it ends or Ctrl-C.
+    """Publish topics of a running graph, all if none is named, until the graph ends or Ctrl-C.
 
     Raises InputError if there is no such graph or topic, or no ROS 2.
     """
     with as_input_errors():
         card = find_run(run)
         topics: list[Topic] = find_topics(card, names or [*topics_of(card)])
-        types = {one.name: type_of(one) for one in topics}
+        types = {topic.name: type_of(topic) for topic in topics}
     publishers = RosPublishers()
     try:
         with TapSubscription(card, topics, latched=True) as taps:
             echo(f"publishing {len(topics)} topics of {card.name} in ROS 2; Ctrl-C ends it")
-            for received in (one for batch in taps.batches() for one in batch):
+            for received in chain.from_iterable(taps.batches()):
                 kind = types[received.topic]
                 for message in ros_messages(received.topic, decode(kind, received.body)):
                     publishers.publish(message, kind)

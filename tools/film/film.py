@@ -24,7 +24,7 @@ from palpate.launch.files.file_access import check_new, write_new
 from palpate.launch.files.source_map import InputError
 from palpate.launch.printing import counted
 from palpate.tools.drawables import LAYERS, SCALARS, model_mesh
-from palpate.tools.surfaces import VertexColours, shades, vertex_colours, viridis
+from palpate.tools.surfaces import VertexColours, shades, tactile_colours, vertex_colours
 from palpate.tools.view.picture import draw_moment, finger_mesh
 from palpate.tools.view.rasteriser import Canvas, Pixels, camera_on
 from palpate.tools.view.timeline import Timeline, curve_of
@@ -32,31 +32,41 @@ from palpate.tools.view.timeline import Timeline, curve_of
 if TYPE_CHECKING:
     from PIL.ImageDraw import ImageDraw
 
-SECONDS = 20.0  # Of the film, unless the user says otherwise
-ENDING = 0.2  # Of it, in which the solid turns, coloured by its deviation
-TURN, LAST_TURN = 60.0, 150.0  # Degrees that the camera goes round before that, and then
-LIFT = 0.012  # By which a finger is drawn off the surface between two touches, m
-TRACE = 400  # Touched points that are drawn at most, the latest
 INK, DIM, FRAME, GRID = "#1f2328", "#59636e", "#8c959f", "#e6eaef"
-UNPRESSED = 236  # Grey of a taxel that touches nothing
-SMALLEST_FONT = 8  # pixels
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FilmSettings:
+    """Course of a film, and how much of a run its scene shows."""
+
+    ending: float = 0.2  # share of the film at its end, in which the solid turns, coloured
+    first_azimuth: float = -60.0  # [degrees] of the camera
+    turn: float = 60.0  # [degrees] of the camera before the ending
+    ending_turn: float = 150.0  # [degrees] of the camera during it
+    scene_share: float = 0.62  # of the width; figures stand at its right
+    finger_lift: float = 0.012  # [m] off the surface, midway between two touches
+    n_recent: int = 400  # touched points that are drawn, the latest
+    min_font: int = 8  # [pixels]
+
+
+DEFAULT_FILM = FilmSettings()
 
 
 class Format(NamedTuple):
-    """How a kind of film is made."""
+    """Size and rate of a kind of film, and the function that writes it."""
 
     width: int
     height: int
-    rate: int  # Frames a second
+    rate: int  # [frames/s]
     write: Callable[[Iterator[Pixels], Path, Format], None]
 
 
 def make_film(
-    line: Timeline, path: Path, *, seconds: float = SECONDS, say: Callable[[str], None]
+    line: Timeline, path: Path, *, seconds: float = 20.0, say: Callable[[str], None]
 ) -> None:
-    """Write a film of a run; how far it is, is told to `say`.
+    """Write a film of a run; `say` is called with its progress.
 
-    The suffix of `path` is ``.mp4``, which takes ffmpeg, or ``.gif``. Raises InputError if it is
+    The suffix of `path` is ``.mp4``, which needs ffmpeg, or ``.gif``. Raises InputError if it is
     another, the file exists or cannot be written, ffmpeg is missing, or nothing was touched.
     """
     check_new(path)
@@ -64,7 +74,7 @@ def make_film(
     if kind is None:
         raise InputError(f"{path}: must end in .mp4 or .gif, got {path.suffix or 'no suffix'!r}")
     if kind.write is _write_mp4 and shutil.which("ffmpeg") is None:
-        raise InputError(f"{path}: mp4 takes ffmpeg, which is not installed; name a .gif instead")
+        raise InputError(f"{path}: mp4 needs ffmpeg, which is not installed; name a .gif instead")
     if not line.touches:
         raise InputError("the run has no touches: there is nothing to show")
     if not math.isfinite(seconds):
@@ -72,10 +82,10 @@ def make_film(
     count = max(2, round(seconds * kind.rate))
 
     def frames() -> Iterator[Pixels]:
-        told, film = -1, Film(line, kind.width, kind.height)
+        said, film = -1, Film(line, kind.width, kind.height)
         for number in range(count):
-            if (tenth := 10 * number // count) != told:
-                told = tenth
+            if (tenth := 10 * number // count) != said:
+                said = tenth
                 say(f"{10 * tenth} %")
             yield film.frame(number / (count - 1))
 
@@ -84,12 +94,13 @@ def make_film(
 
 @dataclass(slots=True)
 class Film:
-    """The frames of a film: the scene at the left, what is measured at the right."""
+    """The frames of a film: the scene at the left, figures of the run at the right."""
 
     line: Timeline
-    width: int
-    height: int
-    coloured: VertexColours | None = None  # Vertices of the last model
+    width: int  # [pixels]
+    height: int  # [pixels]
+    settings: FilmSettings = DEFAULT_FILM
+    coloured: VertexColours | None = None  # vertices of the last model
 
     def __post_init__(self) -> None:
         if self.line.models:
@@ -100,53 +111,59 @@ class Film:
         """The picture (height, width, 3) at a share of the film, 0 to 1."""
         from PIL import Image, ImageDraw
 
-        exploring = min(share / (1.0 - ENDING), 1.0)
-        ending = max(0.0, (share - 1.0 + ENDING) / ENDING)
+        last = self.settings.ending
+        exploring = min(share / (1.0 - last), 1.0)
+        ending = max(0.0, (share - 1.0 + last) / last)
         time = exploring * self.line.end
         picture = np.full((self.height, self.width, 3), 255, np.uint8)
-        wide = round(0.62 * self.width)
-        picture[:, :wide] = self._scene(time, exploring, ending, wide)
+        scene_width = round(self.settings.scene_share * self.width)
+        picture[:, :scene_width] = self._scene(time, exploring, ending, scene_width)
         image = Image.fromarray(picture)
-        self._measured(ImageDraw.Draw(image), image, time, ending, wide)
+        self._draw_figures(ImageDraw.Draw(image), image, time, ending, scene_width)
         return np.asarray(image)
 
-    def _scene(self, time: float, exploring: float, ending: float, wide: int) -> Pixels:
-        line, moment = self.line, self.line.at(time)
-        azimuth = -60.0 + TURN * exploring + LAST_TURN * ending
+    def _scene(self, time: float, exploring: float, ending: float, width: int) -> Pixels:
+        """The scene at a robot time; `exploring` and `ending`: progress of both parts, 0 to 1."""
+        line, moment, settings = self.line, self.line.at(time), self.settings
+        turned = settings.first_azimuth + settings.turn * exploring
+        azimuth = turned + settings.ending_turn * ending
         low, high = line.bounds()
-        canvas = Canvas(wide, self.height, camera_on(low, high, azimuth=azimuth))
+        canvas = Canvas(width, self.height, camera_on(low, high, azimuth=azimuth))
         if ending > 0.0 and self.coloured is not None:
             draw_moment(canvas, line, moment, self.coloured.colours.astype(np.float64))
             return canvas.image()
-        draw_moment(canvas, line, moment, recent=TRACE)
+        draw_moment(canvas, line, moment, n_recent=settings.n_recent)
         if ending == 0.0 and moment.touches:
-            canvas.draw_mesh(*finger_mesh(finger_pose(line, time)), np.array(LAYERS["finger"].rgb))
+            pose = finger_pose(line, time, settings.finger_lift)
+            canvas.draw_mesh(*finger_mesh(pose), np.array(LAYERS["finger"].rgb))
         return canvas.image()
 
-    def _measured(self, draw: ImageDraw, image: Any, time: float, ending: float, left: int) -> None:
-        """The tactile image, the figures, and the curve of error and bound."""
+    def _draw_figures(
+        self, draw: ImageDraw, image: Any, time: float, ending: float, left: int
+    ) -> None:
+        """Draw the tactile image, counts, and the curves of error and bound."""
         unit, right = self.height / 360.0, self.width - round(0.03 * self.width)
         moment = self.line.at(time)
         side = round(104 * unit)
         if ending > 0.0 and self.coloured is not None:
-            self._scale(draw, self.coloured, left, round(40 * unit), right, unit)
+            self._draw_scale(draw, self.coloured, left, round(40 * unit), right, unit)
         elif moment.touches:
-            self._tactile(draw, image, moment.touches - 1, left, round(16 * unit), side)
+            self._draw_tactile(draw, image, moment.touches - 1, left, round(16 * unit), side)
         texts = [f"{time:.0f} s robot time", counted(moment.touches, "touch", "touches")]
         texts.append(counted(self.line.traced(moment), "contour"))
         if not moment.touches:
-            closed = sum(len(one.points) for one in self.line.grasps[: moment.grasps])
-            texts[1:] = [counted(closed, "contact"), "of the hand"]
+            contacts = sum(len(grasp.points) for grasp in self.line.grasps[: moment.grasps])
+            texts[1:] = [counted(contacts, "contact"), "of the hand"]
         if ending == 0.0:
-            at = left + side + 12 * unit
-            font = _fitting(draw, texts, right - at, round(13 * unit))
+            x = left + side + 12 * unit
+            font = self._fitting_font(draw, texts, right - x, round(13 * unit))
             for row, text in enumerate(texts):
-                draw.text((at, (22 + 22 * row) * unit), text, INK, font)
+                draw.text((x, (22 + 22 * row) * unit), text, INK, font)
         box = (left + 40 * unit, 160 * unit, right, 320 * unit)
-        self._curve(draw, time, box, unit)
-        self._legend(draw, left, unit, ending)
+        self._draw_curves(draw, time, box, unit)
+        self._draw_legend(draw, left, unit, ending)
 
-    def _legend(self, draw: ImageDraw, width: int, unit: float, ending: float) -> None:
+    def _draw_legend(self, draw: ImageDraw, width: int, unit: float, ending: float) -> None:
         """The colours of the scene, below it."""
         shown = ["solid", "contours", "touched", "finger"]
         if ending > 0.0:
@@ -154,13 +171,13 @@ class Film:
             shown += ["untouched"] * (
                 self.line.done is not None and len(self.line.done.open_places) > 0
             )
-        font, x, y = _fitting(draw, [], width, round(11 * unit)), 12 * unit, 340 * unit
-        for text, colour in ((LAYERS[one].label, LAYERS[one].colour) for one in shown):
+        font, x, y = self._fitting_font(draw, [], width, round(11 * unit)), 12 * unit, 340 * unit
+        for text, colour in ((LAYERS[name].label, LAYERS[name].colour) for name in shown):
             draw.rectangle((x, y, x + 10 * unit, y + 10 * unit), colour, FRAME)
             draw.text((x + 15 * unit, y + 5 * unit), text, INK, font, anchor="lm")
             x += 30 * unit + draw.textlength(text, font)
 
-    def _tactile(
+    def _draw_tactile(
         self, draw: ImageDraw, image: Any, touch: int, left: int, top: int, side: int
     ) -> None:
         from PIL import Image
@@ -168,30 +185,29 @@ class Film:
         pressed = self.line.touches[touch].compression
         if not pressed.size:
             return
-        most = max(float(one.compression.max(initial=0.0)) for one in self.line.touches)
-        cells = viridis(pressed.ravel(), most or 1.0).reshape(*pressed.shape, 3)
-        cells[pressed <= 0.0] = UNPRESSED
+        deepest = max(float(touch.compression.max(initial=0.0)) for touch in self.line.touches)
+        cells = tactile_colours(pressed, deepest or 1.0)
         image.paste(
             Image.fromarray(cells).resize((side, side), Image.Resampling.NEAREST), (left, top)
         )
-        draw.text((left, top + side + 4), "compression", DIM, _font(round(0.1 * side)))
+        draw.text((left, top + side + 4), "compression", DIM, self._font(round(0.1 * side)))
 
-    def _scale(
+    def _draw_scale(
         self, draw: ImageDraw, coloured: VertexColours, left: int, top: int, right: int, unit: float
     ) -> None:
         ramp = shades(np.linspace(0.0, 1.0, right - left), 1.0)
         for x, colour in enumerate(ramp.tolist(), left):
             draw.line([(x, top), (x, top + 14 * unit)], tuple(colour))
-        most, what = f"{1e3 * coloured.top:g} mm and over", SCALARS[coloured.name]
-        font = _fitting(draw, [f"0  {most}", what], right - left, round(12 * unit))
+        top_text, name = f"{1e3 * coloured.top:g} mm and over", SCALARS[coloured.name]
+        font = self._fitting_font(draw, [f"0  {top_text}", name], right - left, round(12 * unit))
         draw.text((left, top + 20 * unit), "0", INK, font)
-        draw.text((right, top + 20 * unit), most, INK, font, anchor="ra")
-        draw.text((left, top + 40 * unit), what, DIM, font)
+        draw.text((right, top + 20 * unit), top_text, INK, font, anchor="ra")
+        draw.text((left, top + 40 * unit), name, DIM, font)
 
-    def _curve(
+    def _draw_curves(
         self, draw: ImageDraw, time: float, box: tuple[float, float, float, float], unit: float
     ) -> None:
-        """Error and bound against robot time, as far as it has come, in mm on a log scale."""
+        """Draw error and bound [mm], on a log scale, against robot time up to `time`."""
         _, times, errors, bounds = curve_of(self.line)
         known = np.concatenate([errors, bounds])
         known = known[np.isfinite(known) & (known > 0.0)]
@@ -199,7 +215,7 @@ class Film:
             return
         left, top, right, bottom = box
         low, high = math.log10(known.min()) - 0.15, math.log10(known.max()) + 0.15
-        font, end = _font(round(11 * unit)), max(self.line.end, 1e-9)
+        font, end = self._font(round(11 * unit)), max(self.line.end, 1e-9)
         draw.rectangle(box, outline=FRAME)
         for power in range(math.ceil(low + 3.0), math.floor(high + 3.0) + 1):
             y = bottom - (power - 3.0 - low) / (high - low) * (bottom - top)
@@ -209,43 +225,50 @@ class Film:
             shown = (times <= time) & np.isfinite(values) & (values > 0.0)
             across = left + times[shown] / end * (right - left)
             up = bottom - (np.log10(values[shown]) - low) / (high - low) * (bottom - top)
-            places = list(zip(across.tolist(), up.tolist(), strict=True))
-            if len(places) > 1:
-                draw.line(places, colour, max(1, round(1.6 * unit)))
-            for x, y in places:
+            points = list(zip(across.tolist(), up.tolist(), strict=True))
+            if len(points) > 1:
+                draw.line(points, colour, max(1, round(1.6 * unit)))
+            for x, y in points:
                 draw.ellipse((x - 2 * unit, y - 2 * unit, x + 2 * unit, y + 2 * unit), colour)
-        at = left + min(time / end, 1.0) * (right - left)
-        draw.line([(at, top), (at, bottom)], FRAME)
+        now = left + min(time / end, 1.0) * (right - left)
+        draw.line([(now, top), (now, bottom)], FRAME)
         words = {"error": "rms error", "bound": "error bound, mm"}
-        font = _fitting(draw, ["   ".join(words.values())], right - left, round(11 * unit))
+        font = self._fitting_font(
+            draw, ["   ".join(words.values())], right - left, round(11 * unit)
+        )
         for quantity, text in words.items():
             draw.text((left, top - 16 * unit), text, COLOURS[quantity], font)
             left += draw.textlength(f"{text}   ", font)
         text = f"robot time, to {end:.0f} s"
         draw.text((right, bottom + 4 * unit), text, DIM, font, anchor="ra")
 
+    def _fitting_font(self, draw: ImageDraw, texts: Sequence[str], width: float, size: int) -> Any:
+        """The largest font, at most of a `size` [pixels], in which all texts fit into `width`."""
+        while size > self.settings.min_font and any(
+            draw.textlength(text, self._font(size)) > width for text in texts
+        ):
+            size -= 1
+        return self._font(size)
 
-def finger_pose(line: Timeline, time: float) -> Floats:
-    """Where a finger is drawn at a robot time (7,): on its way from one touch to the next."""
-    following = bisect_right(line.touches, time, key=lambda one: one.time)
+    def _font(self, size: int) -> Any:
+        return _font(max(size, self.settings.min_font))
+
+
+def finger_pose(line: Timeline, time: float, lift: float) -> Floats:
+    """Pose (7,) of the drawn finger at a robot time, between one touch and the next.
+
+    `lift` [m] off the surface midway between them.
+    """
+    following = bisect_right(line.touches, time, key=lambda touch: touch.time)
     after = line.touches[min(following, len(line.touches) - 1)]
     before = line.touches[max(following - 1, 0)]
     share = min(max((time - before.time) / max(after.time - before.time, 1e-9), 0.0), 1.0)
     turn = before.pose[3:] * np.copysign(1.0, before.pose[3:] @ after.pose[3:])
     pose = (1.0 - share) * np.append(before.pose[:3], turn) + share * after.pose
     pose[3:] /= max(float(np.linalg.norm(pose[3:])), 1e-12)
-    if not np.isfinite(pose).all() or not pose[3:].any():  # they face each other
+    if not np.isfinite(pose).all() or not pose[3:].any():  # the poses face each other
         return after.pose
-    return Pose.from_array(pose).advanced(-LIFT * math.sin(math.pi * share)).array
-
-
-def _fitting(draw: ImageDraw, texts: Sequence[str], width: float, size: int) -> Any:
-    """The largest font, at most of a `size` in pixels, in which no text is wider than `width`."""
-    while size > SMALLEST_FONT and any(
-        draw.textlength(text, _font(size)) > width for text in texts
-    ):
-        size -= 1
-    return _font(size)
+    return Pose.from_array(pose).advanced(-lift * math.sin(math.pi * share)).array
 
 
 @cache
@@ -253,7 +276,7 @@ def _font(size: int) -> Any:
     from matplotlib import get_data_path
     from PIL import ImageFont
 
-    return ImageFont.truetype(str(Path(get_data_path()) / "fonts/ttf/DejaVuSans.ttf"), max(size, 8))
+    return ImageFont.truetype(str(Path(get_data_path()) / "fonts/ttf/DejaVuSans.ttf"), size)
 
 
 def _write_mp4(frames: Iterator[Pixels], path: Path, kind: Format) -> None:
@@ -265,21 +288,21 @@ def _write_mp4(frames: Iterator[Pixels], path: Path, kind: Format) -> None:
     ) as ffmpeg:
         assert ffmpeg.stdin is not None and ffmpeg.stderr is not None
         try:
-            for one in frames:
-                ffmpeg.stdin.write(one.tobytes())
+            for frame in frames:
+                ffmpeg.stdin.write(frame.tobytes())
             ffmpeg.stdin.close()
         except BrokenPipeError:
-            pass  # it says itself why it ended
-        told = ffmpeg.stderr.read().decode(errors="replace").strip()
+            pass  # ffmpeg ended; it prints why
+        lines = ffmpeg.stderr.read().decode(errors="replace").strip().splitlines()
         if ffmpeg.wait() != 0:
-            raise InputError(f"{path}: ffmpeg failed: {told.splitlines()[-1] if told else ''}")
+            raise InputError(f"{path}: ffmpeg failed: {lines[-1] if lines else ''}")
 
 
 def _write_gif(frames: Iterator[Pixels], path: Path, kind: Format) -> None:
     from PIL import Image
 
     first = Image.fromarray(next(frames)).quantize(128, dither=Image.Dither.NONE)
-    rest = (Image.fromarray(one).quantize(128, dither=Image.Dither.NONE) for one in frames)
+    rest = (Image.fromarray(frame).quantize(128, dither=Image.Dither.NONE) for frame in frames)
     first.save(path, "GIF", save_all=True, append_images=rest, duration=1000 // kind.rate, loop=0)
 
 

@@ -16,8 +16,6 @@ from palpate.tools.cli.command_line import (
     progress_printer,
 )
 
-NAME_WIDTH = 18  # Letters
-
 
 def _figure_names(_: click.Context, __: str) -> Iterable[str]:
     from palpate.tools.gallery.sheet import FIGURES
@@ -25,12 +23,12 @@ def _figure_names(_: click.Context, __: str) -> Iterable[str]:
     return FIGURES
 
 
-@click.command("gallery", short_help="Draw the figures of the thesis, and some of ours.")
+@click.command("gallery", short_help="Draw the figures of the thesis, and some of palpate.")
 @click.argument(
     "figures", nargs=-1, metavar="[FIGURE]...", shell_complete=completing(_figure_names)
 )
 @out_option("Folder, whose files of the same names are replaced.", default="gallery")
-@click.option("--list", "listed", is_flag=True, help="Say which figures there are, and draw none.")
+@click.option("--list", "listed", is_flag=True, help="List the figures, and draw none.")
 @JSON
 def gallery_command(figures: tuple[str, ...], out: Path, listed: bool, as_json: bool) -> None:
     """Draw the figures of Fung's thesis (1999) anew, and some of palpate's own, as PNG files.
@@ -42,11 +40,9 @@ def gallery_command(figures: tuple[str, ...], out: Path, listed: bool, as_json: 
 
     names = find_figures(figures)
     if listed:
-        told = {name: FIGURES[name].facts() for name in names}
-        lines = [
-            line for name in names for line in titled(name, *told[name].values(), width=NAME_WIDTH)
-        ]
-        print_figures(told, "\n".join(lines), as_json=as_json)
+        facts = {name: FIGURES[name].facts() for name in names}
+        lines = [line for name in names for line in titled(name, *facts[name].values(), width=18)]
+        print_figures(facts, "\n".join(lines), as_json=as_json)
         return
     files = [str(path) for path in write_gallery(names, out, progress_printer(True, "drawing {}"))]
-    print_figures(files, "\n".join(f"{one}: written" for one in files), as_json=as_json)
+    print_figures(files, "\n".join(f"{file}: written" for file in files), as_json=as_json)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -18,65 +19,77 @@ from palpate.tools.surfaces import viridis
 from palpate.tools.view.rasteriser import Canvas
 
 MODEL = Superquadric(np.ones(3), np.array([0.15, 0.15]))  # The thesis's box
-SLICES = 9  # Of the drawn match
-RAYS = 24
-# Where the axes of the unit cube are named
+# Points at which the axes of the unit cube are named
 AXIS_LABELS = {"s": (0.5, -0.06, 0.0), "t": (1.06, 0.5, 0.0), "u": (-0.05, 0.0, 0.5)}
-SECTION = 12  # Which contour of the first example is matched
 
 
-def draw_correspondence() -> Figure:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MatchLayout:
+    """Slices and rays by which the drawn object and model are matched."""
+
+    n_slices: int = 9  # matched by height
+    object_offset: float = 2.6  # [half height of the object] from the model
+    contour: int = 12  # index, among those of the first example, of the one matched by azimuth
+    n_rays: int = 24
+    n_curve_rays: int = 400  # that a drawn outline is sampled with
+
+
+DEFAULT_LAYOUT = MatchLayout()
+
+
+def draw_correspondence(layout: MatchLayout = DEFAULT_LAYOUT) -> Figure:
     """Figures 4.1 and 4.2: contours matched by height, their points by azimuth."""
     figure = style.new_figure(3.0)
     side, above = figure.subplots(1, 2, width_ratios=(2.1, 1.0))
-    _draw_match_by_height(side)
-    _draw_match_by_azimuth(above)
+    _draw_match_by_height(side, layout)
+    _draw_match_by_azimuth(above, layout)
     figure.legend(*above.get_legend_handles_labels(), loc="outside lower center", ncols=3)
     return figure
 
 
-def _draw_match_by_height(axes: Axes) -> None:
-    """Profiles of the model, left, and of the object beside it; a line for each pair of slices."""
+def _draw_match_by_height(axes: Axes, layout: MatchLayout) -> None:
+    """Profiles of the model, left, and of the object; a line joins each pair of slices."""
     eta = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 401)
     model = regular_points(
         MODEL, np.concatenate([eta, eta[::-1]]), np.repeat([0.0, np.pi], len(eta))
     ).points
     heights = np.linspace(-1.0, 1.0, 401)
     sides = FIRST.radius(heights[:, None], np.array([[0.0, np.pi]])) * [1.0, -1.0]
-    apart = 2.6
     axes.plot(model[:, 0], model[:, 2], charts.BLUE)
     right, left = sides.T
     outline = np.concatenate([right, left[::-1], right[:1]])
     axes.plot(
-        apart + outline, np.concatenate([heights, heights[::-1], heights[:1]]), charts.VERMILION
+        layout.object_offset + outline,
+        np.concatenate([heights, heights[::-1], heights[:1]]),
+        charts.VERMILION,
     )
-    for z in np.linspace(-1.0, 1.0, SLICES + 2)[1:-1]:
-        wide = np.interp(z, model[: len(eta), 2], model[: len(eta), 0])
-        low, high = apart + np.interp(z, heights, left), apart + np.interp(z, heights, right)
-        axes.plot([-wide, wide], [z, z], charts.BLUE, linewidth=1.0)
+    for z in np.linspace(-1.0, 1.0, layout.n_slices + 2)[1:-1]:
+        half_width = np.interp(z, model[: len(eta), 2], model[: len(eta), 0])
+        low, high = (layout.object_offset + np.interp(z, heights, side) for side in (left, right))
+        axes.plot([-half_width, half_width], [z, z], charts.BLUE, linewidth=1.0)
         axes.plot([low, high], [z, z], charts.VERMILION, linewidth=1.0)
-        axes.plot([wide, low], [z, z], charts.GREY, linestyle=":", linewidth=1.0)
+        axes.plot([half_width, low], [z, z], charts.GREY, linestyle=":", linewidth=1.0)
     axes.set(title="contours by height (4.1)", xticks=[], ylabel="height, normalised")
     axes.spines.bottom.set_visible(False)
     axes.set_aspect("equal")
 
 
-def _draw_match_by_azimuth(axes: Axes) -> None:
-    """One section of both, and the points that rays at the same azimuth from the middle meet."""
-    contour = FIRST.contours()[SECTION][:-1, :2]
-    azimuths = ray_azimuths(RAYS)
-    fine = ray_azimuths(400)
-    found, curve = match_contour(contour, azimuths), match_contour(contour, fine).points
+def _draw_match_by_azimuth(axes: Axes, layout: MatchLayout) -> None:
+    """A section of each, and the points where rays of the same azimuth from the middle meet it."""
+    contour = FIRST.contours()[layout.contour][:-1, :2]
+    azimuths = ray_azimuths(layout.n_rays)
+    fine = ray_azimuths(layout.n_curve_rays)
+    match, curve = match_contour(contour, azimuths), match_contour(contour, fine).points
     model, outline = (
         regular_points(MODEL, np.zeros(len(some)), some).points[:, :2] for some in (azimuths, fine)
     )
-    for one, points, colour, label in (
-        (outline, model, charts.BLUE, "model"), (curve, found.points, charts.VERMILION, "contour"),
+    for closed, points, colour, label in (
+        (outline, model, charts.BLUE, "model"), (curve, match.points, charts.VERMILION, "contour"),
     ):  # fmt: skip
-        axes.plot(*np.vstack([one, one[:1]]).T, colour, label=label)
+        axes.plot(*np.vstack([closed, closed[:1]]).T, colour, label=label)
         axes.plot(*points.T, "o", color=colour, markersize=3.5)
-    for start, end in zip(found.points, model, strict=True):
-        axes.plot(*np.stack([found.middle, start]).T, charts.GREY, linewidth=0.5)
+    for start, end in zip(match.points, model, strict=True):
+        axes.plot(*np.stack([match.middle, start]).T, charts.GREY, linewidth=0.5)
         axes.plot(*np.stack([start, end]).T, charts.GREY, linestyle=":", linewidth=1.0)
     axes.plot([], [], charts.GREY, linestyle=":", label="matched")
     axes.set(title="points by azimuth (4.2)", xlabel="x, normalised", ylabel="y, normalised")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -11,28 +12,58 @@ from matplotlib.figure import Figure
 from palpate.core.arrays import Floats
 from palpate.core.geometry import close_rings
 from palpate.core.shapes import Mesh, Superquadric, regular_points
-from palpate.core.splines import Basis, Lattice, SplineVolume, clamped_basis, upright_parallelepiped
+from palpate.core.splines import (
+    CUBIC,
+    Basis,
+    Lattice,
+    SplineVolume,
+    clamped_basis,
+    upright_parallelepiped,
+)
 from palpate.core.thesis import ThesisSolid, rebuild_thesis
 from palpate.launch import charts
 from palpate.tools.gallery import style
 
 ELLIPSOID = Superquadric(np.array([0.55, 0.55, 1.0]), np.ones(2))
-COUNTS = (5, 5, 13)  # Control points along x, y and z
-TAPERED = 4  # Layers at the bottom; the others zig and zag
-LEAST_SCALE, LOWERED, SHIFT = 0.35, 0.14, 0.3  # Of the lowest layer; of each; of the others
-DEFORMED_ROWS, DEFORMED_COLUMNS = 121, 96  # Points of the mesh, of which every sixth has lines
-STRIDE = 6
-LINE, SHELL, CORE = "#5a93bf", "#4a4a4a", "#f3d9a4"  # Of surfaces, and of lattices
-MESH_ROWS, MESH_COLUMNS = 201, 180
-DRAWN_ROWS, DRAWN_COLUMNS = 27, 27  # Lines of a rebuilt solid
+LINE, SHELL, CORE = "#5a93bf", "#4a4a4a", "#f3d9a4"  # Colours of surfaces, and of lattices
 
 
-def draw_lattice() -> Figure:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LatticeSettings:
+    """A lattice of control points around the ellipsoid, and how it is pulled.
+
+    Lengths are in units of the ellipsoid's half height.
+    """
+
+    n_control: tuple[int, int, int] = (5, 5, 13)  # points along x, y and z
+    n_tapered: int = 4  # layers at the bottom, which are drawn out and made narrow
+    bottom_scale: float = 0.35  # width of the lowest layer, times that before
+    layer_drop: float = 0.14  # by which a tapered layer sinks below the one above it
+    layer_shift: float = 0.3  # of each other layer, along x and against it in turn
+    n_rows: int = 121  # points of the ellipsoid's mesh from pole to pole
+    n_columns: int = 96  # points around
+    line_stride: int = 6  # rows and columns from one drawn line to the next
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SolidLayout:
+    """Mesh of an example's solid, and the lines that are drawn on it."""
+
+    n_rows: int = 201  # points from pole to pole
+    n_columns: int = 180  # points around
+    n_lines: int = 27  # of equal eta, and as many of equal nu
+
+
+LATTICE, SOLID = LatticeSettings(), SolidLayout()
+
+
+def draw_lattice(settings: LatticeSettings = LATTICE) -> Figure:
     """Figures 5.1 to 5.4: an ellipsoid, and the lattice around it before and after it is pulled."""
-    before, after = _even_control(), _deformed_control()
-    grid = _ellipsoid_grid()
+    before, after = _even_control(settings), _deformed_control(settings)
+    grid = _ellipsoid_grid(settings)
     shape = style.together(
-        style.shaded(style.grid_mesh(grid)), style.lines(_sparse_lines(grid), LINE, 1.0)
+        style.shaded(style.grid_mesh(grid)),
+        style.lines(_sparse_lines(grid, settings.line_stride), LINE, 1.0),
     )
     inside = style.together(style.shaded(style.grid_mesh(grid)), _lattice_lines(before))
     around = np.concatenate([before.reshape(-1, 3), after.reshape(-1, 3)])
@@ -46,12 +77,15 @@ def draw_lattice() -> Figure:
     )
 
 
-def draw_deformation() -> Figure:
+def draw_deformation(settings: LatticeSettings = LATTICE) -> Figure:
     """Figures 5.5 to 5.8: the ellipsoid in that lattice, by B-splines and by Bernstein's."""
-    by_spline, by_bernstein = (_deformed_grid(bernstein=one) for one in (False, True))
+    by_spline, by_bernstein = (
+        _deformed_grid(settings, bernstein=bernstein) for bernstein in (False, True)
+    )
     around = np.concatenate([by_spline.reshape(-1, 3), by_bernstein.reshape(-1, 3)])
-    solid, smooth = (style.shaded(style.grid_mesh(one)) for one in (by_spline, by_bernstein))
-    lined = style.together(solid, style.lines(_sparse_lines(by_spline), LINE, 1.0))
+    solid, smooth = (style.shaded(style.grid_mesh(grid)) for grid in (by_spline, by_bernstein))
+    curves = _sparse_lines(by_spline, settings.line_stride)
+    lined = style.together(solid, style.lines(curves, LINE, 1.0))
     return _in_a_row(
         around,
         ("from the side (5.5)", lined, style.FROM_SIDE),
@@ -61,60 +95,60 @@ def draw_deformation() -> Figure:
     )
 
 
-def _in_a_row(around: Floats, *panels: tuple[str, style.Draw, tuple[float, float]]) -> Figure:
-    """Solids beside each other: title, what is drawn and from where; `around` is in all of them."""
+def _in_a_row(around: Floats, *panels: tuple[str, style.Draw, style.View]) -> Figure:
+    """Solids beside each other by title, drawing and view; all show the points `around`."""
     figure = style.new_figure(2.9)
     for axes, (title, draw, view) in zip(figure.subplots(1, len(panels)), panels, strict=True):
         style.show_solid(axes, draw, around, view, shape=(250, 171), title=title)
     return figure
 
 
-def _bases(*, bernstein: bool) -> tuple[Basis, Basis, Basis]:
-    s, t, u = (clamped_basis(one, one - 1 if bernstein else 3) for one in COUNTS)
+def _bases(settings: LatticeSettings, *, bernstein: bool) -> tuple[Basis, Basis, Basis]:
+    s, t, u = (clamped_basis(n, n - 1 if bernstein else CUBIC) for n in settings.n_control)
     return s, t, u
 
 
-def _even_control() -> Floats:
+def _even_control(settings: LatticeSettings) -> Floats:
     size = ELLIPSOID.size
-    return upright_parallelepiped(-size, 2.0 * size).even_control(COUNTS)
+    return upright_parallelepiped(-size, 2.0 * size).even_control(settings.n_control)
 
 
-def _deformed_control() -> Floats:
+def _deformed_control(settings: LatticeSettings) -> Floats:
     """The lattice drawn out and tapered at the bottom, and shifted to and fro above."""
-    control = _even_control()
-    for number in range(COUNTS[2]):
+    control, n_tapered = _even_control(settings), settings.n_tapered
+    scale, shift = settings.bottom_scale, settings.layer_shift
+    for number in range(settings.n_control[2]):
         layer = control[:, :, number]
-        if number < TAPERED:
-            layer[..., :2] *= LEAST_SCALE + (1.0 - LEAST_SCALE) * number / TAPERED
-            layer[..., 2] -= LOWERED * (TAPERED - number)
+        if number < n_tapered:
+            layer[..., :2] *= scale + (1.0 - scale) * number / n_tapered
+            layer[..., 2] -= settings.layer_drop * (n_tapered - number)
         else:
-            layer[..., 0] += SHIFT if number % 2 else -SHIFT
+            layer[..., 0] += shift if number % 2 else -shift
     return control
 
 
-def _deformed_grid(*, bernstein: bool) -> Floats:
+def _deformed_grid(settings: LatticeSettings, *, bernstein: bool) -> Floats:
     """Points of the deformed ellipsoid, rows from pole to pole."""
-    bases = _bases(bernstein=bernstein)
-    lattice = Lattice(
-        SplineVolume(_deformed_control(), bases), SplineVolume(_even_control(), bases)
-    )
-    grid = _ellipsoid_grid()
+    bases = _bases(settings, bernstein=bernstein)
+    deformed, even = _deformed_control(settings), _even_control(settings)
+    lattice = Lattice(SplineVolume(deformed, bases), SplineVolume(even, bases))
+    grid = _ellipsoid_grid(settings)
     return lattice.deform(grid.reshape(-1, 3)).reshape(grid.shape)
 
 
-def _ellipsoid_grid() -> Floats:
-    eta = np.linspace(-0.5 * np.pi, 0.5 * np.pi, DEFORMED_ROWS)
-    omega = np.linspace(-np.pi, np.pi, DEFORMED_COLUMNS + 1)
+def _ellipsoid_grid(settings: LatticeSettings) -> Floats:
+    eta = np.linspace(-0.5 * np.pi, 0.5 * np.pi, settings.n_rows)
+    omega = np.linspace(-np.pi, np.pi, settings.n_columns + 1)
     places = (some.ravel() for some in np.meshgrid(eta, omega, indexing="ij"))
     return regular_points(ELLIPSOID, *places).points.reshape(len(eta), len(omega), 3)
 
 
-def _sparse_lines(grid: Floats) -> list[Floats]:
-    return [*grid[::STRIDE], *grid[:, ::STRIDE].transpose(1, 0, 2)]
+def _sparse_lines(grid: Floats, stride: int) -> list[Floats]:
+    return [*grid[::stride], *grid[:, ::stride].transpose(1, 0, 2)]
 
 
 def _lattice_lines(control: Floats) -> style.Draw:
-    """What draws a lattice (l, m, n, 3): its shell dark, its core lighter."""
+    """Drawing of a lattice (l, m, n, 3): its shell dark, its core lighter."""
     layers = [line for layer in control.transpose(2, 0, 1, 3) for line in style.grid_lines(layer)]
     inner = control[1:-1, 1:-1].reshape(-1, *control.shape[2:])
     rim = np.concatenate([control[0], control[-1], control[1:-1, 0], control[1:-1, -1]])
@@ -129,21 +163,21 @@ def _lattice_lines(control: Floats) -> style.Draw:
 
 
 class Example(NamedTuple):
-    """An object, and the contours that were traced of it; it stands for one that is only drawn."""
+    """An object and its traced contours, in place of one that the thesis draws without formula."""
 
-    radius: Callable[[Floats, Floats], Floats]  # Of heights, from -1 to 1, and azimuths, rad
-    heights: Floats  # Of its contours, (m,), upwards
-    around: int  # Points of a contour, the first again at the end
-    first: int  # Number of the figure that shows the object: 5.9 or 5.15
+    radius: Callable[[Floats, Floats], Floats]  # of heights, from -1 to 1, and azimuths [rad]
+    heights: Floats  # (m,) of its contours, upwards
+    n_points: int  # of a contour, whose last is the first again
+    first_figure: int  # number in chapter 5 of the figure that shows the object
 
     def contours(self) -> Floats:
-        """What a perfect finger traces, (m, around, 3)."""
-        return self._rings(self.heights, np.linspace(-np.pi, np.pi, self.around))
+        """Contours (m, n_points, 3) as an exact finger traces them."""
+        return self._rings(self.heights, np.linspace(-np.pi, np.pi, self.n_points))
 
-    def mesh(self) -> Mesh:
+    def mesh(self, n_rows: int, n_columns: int) -> Mesh:
         """The object itself, with plane ends."""
-        turns = 2.0 * np.pi * np.arange(MESH_COLUMNS) / MESH_COLUMNS
-        rings = self._rings(np.linspace(-1.0, 1.0, MESH_ROWS), turns)
+        azimuths = 2.0 * np.pi * np.arange(n_columns) / n_columns
+        rings = self._rings(np.linspace(-1.0, 1.0, n_rows), azimuths)
         return Mesh(*close_rings(rings[0].mean(axis=0), rings, rings[-1].mean(axis=0)))
 
     def _rings(self, heights: Floats, azimuths: Floats) -> Floats:
@@ -152,16 +186,15 @@ class Example(NamedTuple):
         return np.stack([radius * np.cos(t), radius * np.sin(t), z], axis=-1)
 
 
-def draw_example(example: Example) -> Figure:
-    """The object, the lattice that was found, the solid with its points, and it shaded."""
+def draw_example(example: Example, layout: SolidLayout = SOLID) -> Figure:
+    """The object, the fitted lattice, the rebuilt solid with the traced points, and it shaded."""
     figure = style.new_figure(5.1)
     panels = figure.subplots(2, 3)
     solid, contours = rebuild_thesis(example.contours()), example.contours()
     points = contours.reshape(-1, 3)
-    object_mesh, found = example.mesh(), solid.mesh(MESH_ROWS, MESH_COLUMNS)
-    lined = style.together(
-        style.shaded(found, (225, 233, 240)), style.lines(_model_lines(solid), LINE, 1.0)
-    )
+    object_mesh, rebuilt = (some.mesh(layout.n_rows, layout.n_columns) for some in (example, solid))
+    curves = _model_lines(solid, layout.n_lines)
+    lined = style.together(style.shaded(rebuilt, (225, 233, 240)), style.lines(curves, LINE, 1.0))
     crossed = style.together(lined, style.crosses(points, charts.VERMILION))
     around = np.concatenate([object_mesh.vertices, solid.lattice.control.reshape(-1, 3)])
     views = (style.OBLIQUE,) * 3, (style.FROM_TOP, style.FROM_SIDE, style.OBLIQUE)
@@ -169,7 +202,7 @@ def draw_example(example: Example) -> Figure:
         style.shaded(object_mesh),
         _lattice_lines(solid.lattice.control),
         *(crossed,) * 3,
-        style.shaded(found),
+        style.shaded(rebuilt),
     )
     names = (
         "object",
@@ -180,17 +213,17 @@ def draw_example(example: Example) -> Figure:
         "shaded",
     )
     for number, (axes, draw, name) in enumerate(zip(panels.flat, draws, names, strict=True)):
-        title = f"{name} (5.{example.first + number})"
+        title = f"{name} (5.{example.first_figure + number})"
         view = views[number // 3][number % 3]
         style.show_solid(axes, draw, around, view, shape=(238, 229), title=title)
     return figure
 
 
-def _model_lines(solid: ThesisSolid) -> list[Floats]:
-    """Lines of equal eta and of equal nu."""
-    fine, turn = np.linspace(0.0, 1.0, 181), np.linspace(0.0, 1.0, 181)
-    rows = solid.surface(np.linspace(0.0, 1.0, DRAWN_ROWS), turn)
-    columns = solid.surface(fine, np.arange(DRAWN_COLUMNS) / DRAWN_COLUMNS)
+def _model_lines(solid: ThesisSolid, n_lines: int) -> list[Floats]:
+    """Lines of equal eta, and as many of equal nu."""
+    fine = np.linspace(0.0, 1.0, 181)
+    rows = solid.surface(np.linspace(0.0, 1.0, n_lines), fine)
+    columns = solid.surface(fine, np.arange(n_lines) / n_lines)
     return [*rows, *columns.transpose(1, 0, 2)]
 
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -15,33 +18,43 @@ from palpate.core.shapes import (
     regular_points,
     trigonometric_points,
 )
-from palpate.core.splines import Basis, clamped_basis
+from palpate.core.splines import CUBIC, Basis, clamped_basis
 from palpate.launch import charts
 from palpate.tools.gallery import style
 
-CURVE_EXPONENTS = (0.15, 0.5, 1.0, 1.5, 2.0, 3.0)
-SOLID_EXPONENTS = (0.2, 1.0, 2.0, 3.0)  # Of rows, e1, and of columns, e2
-SOLID_ROWS, SOLID_COLUMNS = 65, 128  # Points of a drawn superquadric from pole to pole, and around
 CUBE = Superquadric(np.ones(3), np.array([0.1, 0.1]))
-DEGREE = 3  # Of the B-splines
-KNOTS = {  # Of 7 functions each
+KNOTS = {  # of seven cubic B-splines each
     "(a) clamped, uniform": np.array([0, 0, 0, 0, 1, 2, 3, 4, 4, 4, 4]) / 4.0,
     "(b) uniform": np.arange(11) / 10.0,
     "(c) clamped, not uniform": np.array([0, 0, 0, 0, 0.15, 0.3, 0.8, 1, 1, 1, 1]),
     "(d) a triple knot": np.array([0, 0, 0, 0, 0.5, 0.5, 0.5, 1, 1, 1, 1]),
 }
-CELLS = 6  # Level of the meshes of hyperquadrics
-LINES_DRAWN = 16  # From pole to pole, and twice as many around
 
 
-def draw_superellipses() -> Figure:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SuperquadricLayout:
+    """Exponents and meshes of the drawn superquadrics."""
+
+    exponents: tuple[float, ...] = (0.2, 1.0, 2.0, 3.0)  # e1 of a row of panels, e2 of a column
+    n_rows: int = 65  # points of a mesh from pole to pole
+    n_columns: int = 128  # points around
+    n_lines: int = 16  # steps between drawn lines from pole to pole, and twice as many around
+    line_refinement: int = 8  # steps of a drawn line between two crossing ones
+
+
+DEFAULT_LAYOUT = SuperquadricLayout()
+
+
+def draw_superellipses(
+    exponents: Sequence[float] = (0.15, 0.5, 1.0, 1.5, 2.0, 3.0),
+) -> Figure:
     """Figure 2.1: superellipses, and the part of them that the printed formula gives."""
     figure = style.new_figure(4.6)
     axes = figure.add_subplot()
     turn = np.linspace(0.0, 2.0 * np.pi, 1441)
     printed = turn <= 0.5 * np.pi
-    for exponent, colour in zip(CURVE_EXPONENTS, charts.SERIES, strict=False):
-        x, y = (_powered(one, exponent) for one in (np.cos(turn), np.sin(turn)))
+    for exponent, colour in zip(exponents, charts.SERIES, strict=False):
+        x, y = (_powered(ratio, exponent) for ratio in (np.cos(turn), np.sin(turn)))
         axes.plot(x, y, colour, linewidth=1.2, label=f"{exponent:g}")
         axes.plot(x[printed], y[printed], colour, linewidth=3.2)
     axes.set(xlabel="x / a", ylabel="y / b", xlim=(-1.08, 1.08), ylim=(-1.08, 1.08))
@@ -51,15 +64,15 @@ def draw_superellipses() -> Figure:
     return figure
 
 
-def draw_superquadrics() -> Figure:
-    """Figure 2.2: one size, all pairs of some exponents."""
-    count = len(SOLID_EXPONENTS)
+def draw_superquadrics(layout: SuperquadricLayout = DEFAULT_LAYOUT) -> Figure:
+    """Figure 2.2: superquadrics of one size, for all pairs of the exponents."""
+    count = len(layout.exponents)
     figure = style.new_figure(6.6)
     panels = figure.subplots(count, count)
-    largest = _powered_mesh(SOLID_EXPONENTS[0], SOLID_EXPONENTS[0]).vertices
-    for row, e1 in enumerate(SOLID_EXPONENTS):
-        for column, e2 in enumerate(SOLID_EXPONENTS):
-            mesh = _powered_mesh(e1, e2)
+    largest = _powered_mesh(layout.exponents[0], layout.exponents[0], layout).vertices
+    for row, e1 in enumerate(layout.exponents):
+        for column, e2 in enumerate(layout.exponents):
+            mesh = _powered_mesh(e1, e2, layout)
             title = f"$\\epsilon_1$ = {e1:g}, $\\epsilon_2$ = {e2:g}"
             style.show_solid(
                 panels[row, column], style.shaded(mesh), largest, shape=(150, 175), title=title
@@ -67,12 +80,12 @@ def draw_superquadrics() -> Figure:
     return figure
 
 
-def _powered_mesh(e1: float, e2: float) -> Mesh:
-    """(2.1) with signed powers: above 2 no `Superquadric`, whose gauge is convex along rays."""
-    eta = np.linspace(-0.5 * np.pi, 0.5 * np.pi, SOLID_ROWS)[:, None]
-    omega = np.linspace(-np.pi, np.pi, SOLID_COLUMNS + 1)[None, :]
+def _powered_mesh(e1: float, e2: float, layout: SuperquadricLayout) -> Mesh:
+    """(2.1) with signed powers; `Superquadric` does not take exponents above 2."""
+    eta = np.linspace(-0.5 * np.pi, 0.5 * np.pi, layout.n_rows)[:, None]
+    omega = np.linspace(-np.pi, np.pi, layout.n_columns + 1)[None, :]
     level, up = _powered(np.cos(eta), e1), _powered(np.sin(eta), e1)
-    x, y = (level * _powered(one, e2) for one in (np.cos(omega), np.sin(omega)))
+    x, y = (level * _powered(ratio, e2) for ratio in (np.cos(omega), np.sin(omega)))
     return style.grid_mesh(np.stack([x, y, np.broadcast_to(up, x.shape)], axis=-1))
 
 
@@ -80,9 +93,9 @@ def _powered(values: Floats, exponent: float) -> Floats:
     return np.asarray(np.sign(values) * np.abs(values) ** exponent)
 
 
-def solid_mesh(shape: Superquadric) -> Mesh:
+def solid_mesh(shape: Superquadric, layout: SuperquadricLayout = DEFAULT_LAYOUT) -> Mesh:
     """A mesh whose lines crowd where the surface bends, as those of (2.1) do."""
-    return style.grid_mesh(_grid(shape, SOLID_ROWS, SOLID_COLUMNS, regular=False))
+    return style.grid_mesh(_grid(shape, layout.n_rows, layout.n_columns, regular=False))
 
 
 def _grid(shape: Superquadric, rows: int, columns: int, *, regular: bool) -> Floats:
@@ -96,17 +109,19 @@ def _grid(shape: Superquadric, rows: int, columns: int, *, regular: bool) -> Flo
     return points(shape, eta.ravel(), omega.ravel()).points.reshape(rows, columns + 1, 3)
 
 
-def draw_parametrisations() -> Figure:
+def draw_parametrisations(layout: SuperquadricLayout = DEFAULT_LAYOUT) -> Figure:
     """Figure 2.3: the same cube, its lines at even steps of the parameters."""
     figure = style.new_figure(3.5)
     panels = figure.subplots(1, 2)
-    solid = style.shaded(solid_mesh(CUBE))
+    solid = style.shaded(solid_mesh(CUBE, layout))
+    n_lines, refinement = layout.n_lines, layout.line_refinement
     for axes, regular, title in zip(
         panels, (False, True), ("trigonometric (2.1)", "regular (2.4)"), strict=True
     ):
-        grid = _grid(CUBE, LINES_DRAWN + 1, 2 * LINES_DRAWN, regular=regular)
-        fine = _grid(CUBE, 8 * LINES_DRAWN + 1, 16 * LINES_DRAWN, regular=regular)
-        curves = [*fine[::8], *fine[:, ::8].transpose(1, 0, 2)]
+        grid = _grid(CUBE, n_lines + 1, 2 * n_lines, regular=regular)
+        n_steps = refinement * n_lines
+        fine = _grid(CUBE, n_steps + 1, 2 * n_steps, regular=regular)
+        curves = [*fine[::refinement], *fine[:, ::refinement].transpose(1, 0, 2)]
         draw = style.together(solid, style.lines(curves, charts.BLUE, 1.0))
         style.show_solid(axes, draw, grid.reshape(-1, 3), shape=(330, 340), title=title)
     return figure
@@ -146,25 +161,25 @@ def draw_b_splines() -> Figure:
 
 def _draw_basis(axes: Axes, knots: Floats) -> None:
     """All functions over all knots, grey where they do not sum to 1; knots as marks below."""
-    # A function is nothing beyond its own knots, so knots beyond them change none of it.
-    steps = np.arange(1, DEGREE + 1)
+    # A function is zero beyond its own knots, so it does not depend on the knots added here.
+    steps = np.arange(1, CUBIC + 1)
     longer = np.concatenate([knots[0] - 0.1 * steps[::-1], knots, knots[-1] + 0.1 * steps])
     places = np.linspace(0.0, 1.0, 501)
-    values = Basis(longer, DEGREE).matrix(places).toarray()[:, DEGREE:-DEGREE]
+    values = Basis(longer, CUBIC).matrix(places).toarray()[:, CUBIC:-CUBIC]
     for column, colour in zip(values.T, charts.SERIES, strict=False):
         axes.plot(places, column, colour)
-    low, high = Basis(knots, DEGREE).domain
+    low, high = Basis(knots, CUBIC).domain
     for start, end in ((0.0, low), (high, 1.0)):
         axes.axvspan(start, end, color="0.9", linewidth=0)
     axes.plot(knots, np.zeros(len(knots)), "|", color=charts.INK, clip_on=False, markersize=9)
 
 
-def draw_hyperquadrics() -> Figure:
-    """Figure 2.8: without exponential terms above, with them below."""
+def draw_hyperquadrics(level: int = 6) -> Figure:
+    """Figure 2.8: without exponential terms above, with them below; `level` of their meshes."""
     figure = style.new_figure(4.9)
     panels = figure.subplots(2, 3)
     for axes, (title, solid) in zip(panels.flat, _hyperquadrics().items(), strict=True):
-        mesh = solid.mesh(CELLS)
+        mesh = solid.mesh(level)
         style.show_solid(axes, style.shaded(mesh), mesh.vertices, shape=(250, 233), title=title)
     return figure
 

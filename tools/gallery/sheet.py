@@ -28,8 +28,8 @@ from palpate.tools.gallery import (
 class GalleryFigure(NamedTuple):
     """A picture that can be drawn again."""
 
-    numbers: tuple[str, ...]  # Of the thesis's figures that it shows; none of our own
-    caption: str  # What is seen, and where it departs from the thesis, in a line
+    numbers: tuple[str, ...]  # of the thesis's figures that it shows; empty for our own
+    caption: str  # one line: what it shows, and where it departs from the thesis
     draw: Callable[[], Figure]
 
     def facts(self) -> dict[str, str]:
@@ -169,11 +169,11 @@ FIGURES: dict[str, GalleryFigure] = {
 
 
 def find_figures(words: Sequence[str]) -> list[str]:
-    """Names of the figures that are meant by names or the thesis's numbers; all without any.
+    """Names of the figures that words name, by name or by number in the thesis; all without words.
 
-    Raises InputError if a word means none.
+    Raises InputError if there is no such figure.
     """
-    by_number = {number: name for name, one in FIGURES.items() for number in one.numbers}
+    by_number = {number: name for name, figure in FIGURES.items() for number in figure.numbers}
     for word in words:
         if word not in FIGURES and word not in by_number:
             near = "see palpate gallery --list" if word[:1].isdigit() else hint(word, FIGURES)
@@ -182,9 +182,10 @@ def find_figures(words: Sequence[str]) -> list[str]:
 
 
 def write_gallery(names: Iterable[str], folder: Path, say: Callable[[str], None]) -> list[Path]:
-    """Draw figures into a folder, which is made if it is not there; returns the files.
+    """Draw figures into a folder, which is made if missing; returns the files.
 
-    `say` is told of each before it is drawn. Raises InputError if a file cannot be written.
+    `say` is called with the name of each before it is drawn. Raises InputError if a file cannot be
+    written.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -208,8 +209,8 @@ def draw_png(name: str) -> bytes:
     """One figure as the bytes of a PNG file with a palette."""
     raw = io.BytesIO()
     figure = FIGURES[name].draw()
-    figure.savefig(raw, format="rgba", dpi=style.DPI)
-    width = round(figure.get_figwidth() * style.DPI)
+    figure.savefig(raw, format="rgba", dpi=style.LAYOUT.dpi)
+    width = round(figure.get_figwidth() * style.LAYOUT.dpi)
     picture = np.frombuffer(raw.getbuffer(), np.uint8).reshape(-1, width, 4)[..., :3]
     # Keeps rare colours, such as the end of a scale, where the usual median cut would mix them.
     palette = Image.fromarray(picture).quantize(

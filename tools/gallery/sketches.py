@@ -1,6 +1,8 @@
-"""What the thesis only sketches: the sensor, its frame, preprocessing, and two constructions."""
+"""Sketches of the thesis: the sensor, its frame, preprocessing, and two constructions."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -11,11 +13,6 @@ from palpate.core.splines import upright_parallelepiped
 from palpate.launch import charts
 from palpate.tools.gallery import style
 
-THICKNESS, PRESSED, RADIUS = 3.0, 1.0, 9.0  # Of the pad, its compression, and of a ball [mm]
-ELEMENTS = np.arange(-7.5, 8.0)  # Of one row of the array [mm]
-PLAIN, UNDER = 2, 7  # Elements whose pulses are drawn: beside the ball, and under it
-POLYGON = np.array([[0.0, 0.0], [0.25, 1.0], [0.85, 0.95], [1.0, 0.1]])
-AT = 1.0 / 3.0  # Parameter of the point that is constructed
 STAGES = (
     ("raw frame", "times or forces\n/touch/raw"),
     ("transformation", "to compressions\n3.4.1, calibration"),
@@ -25,19 +22,39 @@ STAGES = (
 )
 
 
-def draw_array() -> Figure:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PadSketch:
+    """A ball pressed into a pad over a row of elements that are 1 mm apart."""
+
+    thickness: float = 3.0  # [mm] of the pad
+    indentation: float = 1.0  # [mm] of the ball
+    ball_radius: float = 9.0  # [mm]
+    n_elements: int = 16
+    free_element: int = 2  # index of the element beside the ball whose pulse is drawn
+    pressed_element: int = 7  # index of the one under the ball
+
+    def elements(self) -> Floats:
+        """Positions (n_elements,) along the row, about its middle [mm]."""
+        return np.asarray(np.arange(self.n_elements) - 0.5 * (self.n_elements - 1), np.float64)
+
+
+PAD = PadSketch()
+
+
+def draw_array(pad: PadSketch = PAD) -> Figure:
     """Figure 1.1: a row of ultrasonic elements under a pad, into which a ball is pressed."""
     figure = style.new_figure(2.9)
     axes = figure.add_subplot()
     x = np.linspace(-8.0, 8.0, 641)
-    ball = THICKNESS - PRESSED + RADIUS - np.sqrt(RADIUS**2 - x**2)
-    face = np.minimum(ball, THICKNESS)
+    radius, elements = pad.ball_radius, pad.elements()
+    ball = pad.thickness - pad.indentation + radius - np.sqrt(radius**2 - x**2)
+    face = np.minimum(ball, pad.thickness)
     axes.fill_between(x, 0.0, face, color="0.88", linewidth=0.0)
     axes.plot(x, face, charts.INK)
     axes.plot(x[ball < 4.4], ball[ball < 4.4], charts.BLUE)
-    axes.bar(ELEMENTS, 0.35, 0.7, bottom=-0.4, color="0.55")
-    for place, name in ((PLAIN, "1"), (UNDER, "2")):
-        at, top = ELEMENTS[place], float(np.interp(ELEMENTS[place], x, face))
+    axes.bar(elements, 0.35, 0.7, bottom=-0.4, color="0.55")
+    for index, name in ((pad.free_element, "1"), (pad.pressed_element, "2")):
+        at, top = elements[index], float(np.interp(elements[index], x, face))
         _arrow(axes, (at - 0.12, 0.0), (at - 0.12, top), charts.ORANGE)
         _arrow(axes, (at + 0.12, top), (at + 0.12, 0.0), charts.ORANGE)
         axes.text(at + 0.35, 0.5 * top, f"$d_{name} = c\\,t_{name} / 2$", va="center")
@@ -49,13 +66,14 @@ def draw_array() -> Figure:
     return figure
 
 
-def draw_de_casteljau() -> Figure:
-    """Figure 2.5: a point of a cubic curve by dividing its polygon again and again."""
+def draw_de_casteljau(parameter: float = 1.0 / 3.0) -> Figure:
+    """Figure 2.5: the point of a cubic curve at a parameter, by dividing its polygon repeatedly."""
     figure = style.new_figure(3.2)
     axes = figure.add_subplot()
     t = np.linspace(0.0, 1.0, 201)[:, None]
-    axes.plot(*_divided(np.broadcast_to(POLYGON[:, None], (4, 201, 2)), t)[-1][0].T, charts.INK)
-    levels = _divided(POLYGON, AT)
+    polygon = np.array([[0.0, 0.0], [0.25, 1.0], [0.85, 0.95], [1.0, 0.1]])
+    axes.plot(*_divided(np.broadcast_to(polygon[:, None], (4, 201, 2)), t)[-1][0].T, charts.INK)
+    levels = _divided(polygon, parameter)
     for level, (points, colour) in enumerate(zip(levels, charts.SERIES, strict=False)):
         axes.plot(*points.T, "o-", color=colour, markersize=5, linewidth=1.0)
         for i, (x, y) in enumerate(points):
@@ -69,7 +87,7 @@ def draw_de_casteljau() -> Figure:
 
 
 def _divided(points: Floats, t: Floats | float) -> list[Floats]:
-    """The polygon and what is left of it each time that its sides are divided at t."""
+    """The polygon, and those of the points that divide the sides of the one before at t."""
     levels = [points]
     while len(levels[-1]) > 1:
         levels.append((1.0 - t) * levels[-1][:-1] + t * levels[-1][1:])
@@ -101,7 +119,7 @@ def draw_parallelepiped() -> Figure:
 
 
 def draw_winged_edge() -> Figure:
-    """Figure 2.9: what an edge of the winged edge model knows."""
+    """Figure 2.9: neighbours of an edge in the winged edge model."""
     figure = style.new_figure(3.0)
     axes = figure.add_subplot()
     start, end = np.array([0.0, -0.5]), np.array([0.0, 0.5])
@@ -140,11 +158,12 @@ def draw_preprocessing() -> Figure:
     return figure
 
 
-def draw_array_frame() -> Figure:
-    """Figure 3.2: the frame of the array, and the pad's face over it."""
+def draw_array_frame(pad: PadSketch = PAD) -> Figure:
+    """Figure 3.2: the frame of the array, and the pad's face over it, heights doubled."""
     figure = style.new_figure(3.4)
-    x, y = np.meshgrid(ELEMENTS, ELEMENTS)
-    face = THICKNESS - np.maximum(PRESSED - (x**2 + y**2) / (2.0 * RADIUS), 0.0)
+    x, y = np.meshgrid(pad.elements(), pad.elements())
+    depth = np.maximum(pad.indentation - (x**2 + y**2) / (2.0 * pad.ball_radius), 0.0)
+    face = pad.thickness - depth
     below, above = np.stack([x, y, 0.0 * x], -1), np.stack([x, y, 2.0 * face], -1)
     ends = {"x": np.array([11.0, 0, 0]), "y": np.array([0, 11.0, 0]), "z": np.array([0, 0, 9.5])}
     corners = (one[::15, ::15].reshape(-1, 3) for one in (below, above))

@@ -7,6 +7,8 @@ what lies behind.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import matplotlib
 import numpy as np
@@ -18,20 +20,39 @@ from palpate.core.arrays import Floats, Ints
 from palpate.core.shapes import Mesh
 from palpate.launch import charts
 from palpate.launch.colours import rgb as rgb_of
-from palpate.tools.view.rasteriser import FINER, Camera, Canvas
+from palpate.tools.view.rasteriser import Camera, Canvas
 
-WIDTH, DPI = 7.0, 100  # Of a figure [inch], and its pixels an inch as a file
 SOLID = rgb_of("solid")
-MARGIN = 1.08  # Around what a camera is fitted to, times its extent
-OPENING = 10.0  # Of cameras, degrees: nearly parallel rays
-OBLIQUE, FROM_SIDE, FROM_TOP = (-63.0, 22.0), (-90.0, 0.0), (-90.0, 90.0)  # Azimuth, elevation
-styled = matplotlib.rc_context({**charts.STYLE, "text.parse_math": True})  # decorates what draws
+styled = matplotlib.rc_context({**charts.STYLE, "text.parse_math": True})  # decorator of drawings
 Draw = Callable[[Canvas], None]  # Draws something into a canvas
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FigureLayout:
+    """Sizes that all figures share."""
+
+    width: float = 7.0  # [inch]
+    dpi: int = 100  # pixels an inch in a file
+    margin: float = 1.08  # extent of a panel, times that of the points that it has to show
+    opening: float = 10.0  # [degrees] of cameras: nearly parallel rays
+
+
+LAYOUT = FigureLayout()
+
+
+class View(NamedTuple):
+    """Direction from a solid to the eye [degrees]."""
+
+    azimuth: float
+    elevation: float
+
+
+OBLIQUE, FROM_SIDE, FROM_TOP = View(-63.0, 22.0), View(-90.0, 0.0), View(-90.0, 90.0)
 
 
 def new_figure(height: float) -> Figure:
     """An empty figure of the common width and a height in inches."""
-    return charts.new_figure(*(charts.PIXELS_PER_INCH * side for side in (WIDTH, height)))
+    return charts.new_figure(*(charts.PIXELS_PER_INCH * side for side in (LAYOUT.width, height)))
 
 
 def rgb(colour: str) -> Floats:
@@ -39,33 +60,31 @@ def rgb(colour: str) -> Floats:
     return np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)], dtype=np.float64)
 
 
-def fitted_camera(points: Floats, view: tuple[float, float], shape: tuple[int, int]) -> Camera:
-    """The camera that has points (n, 3) as large as a picture of (height, width) pixels allows.
-
-    `view`: azimuth and elevation of the eye, degrees.
-    """
+def fitted_camera(
+    points: Floats, view: View, shape: tuple[int, int], layout: FigureLayout = LAYOUT
+) -> Camera:
+    """Camera that shows points (n, 3) as large as a picture of (height, width) pixels allows."""
     axes = Camera(np.zeros(3), 1.0, *view).axes()
     seen = points @ axes.T
     middle = 0.5 * (seen.min(axis=0) + seen.max(axis=0))
-    off = np.abs(seen - middle)[:, :2] * MARGIN
-    opened = np.tan(np.radians(0.5 * OPENING)) * np.array([shape[1] / shape[0], 1.0])
+    off = np.abs(seen - middle)[:, :2] * layout.margin
+    opened = np.tan(np.radians(0.5 * layout.opening)) * np.array([shape[1] / shape[0], 1.0])
     distance = (off / opened).max(axis=1) + (seen - middle)[:, 2]
-    return Camera(middle @ axes, float(distance.max()), *view, opening=OPENING)
+    return Camera(middle @ axes, float(distance.max()), *view, opening=layout.opening)
 
 
 def show_solid(
     axes: Axes,
     draw: Draw,
     around: Floats,
-    view: tuple[float, float] = OBLIQUE,
+    view: View = OBLIQUE,
     *,
     shape: tuple[int, int],
     title: str = "",
 ) -> Canvas:
-    """Fill a panel with what `draw` draws, seen so that points `around` (n, 3) have room.
+    """Fill a panel with what `draw` draws, with the points `around` (n, 3) in view.
 
-    `view`: azimuth and elevation, degrees. `shape`: of the panel, (height, width) in pixels.
-    Returns what was drawn into.
+    `shape`: (height, width) of the panel [pixels]. Returns the canvas.
     """
     canvas = Canvas(shape[1], shape[0], fitted_camera(around, view, shape))
     draw(canvas)
@@ -76,10 +95,10 @@ def show_solid(
 
 
 def label_points(axes: Axes, canvas: Canvas, labels: Mapping[str, Sequence[float]]) -> None:
-    """Write letters at places (3,) of what a panel shows."""
+    """Write letters at points (3,) of the solid in a panel."""
     height, width = canvas.height, canvas.width
     flat = canvas.project(np.array(list(labels.values())))[:, :2]
-    for text, place in zip(labels, flat / FINER, strict=True):
+    for text, place in zip(labels, flat / canvas.settings.supersampling, strict=True):
         axes.text(
             place[0], place[1], text, ha="center", va="center", fontsize=11, fontstyle="italic"
         )
@@ -87,14 +106,14 @@ def label_points(axes: Axes, canvas: Canvas, labels: Mapping[str, Sequence[float
 
 
 def shaded(mesh: Mesh, colour: Floats | tuple[int, int, int] = SOLID) -> Draw:
-    """What draws a mesh in light."""
+    """Drawing of a mesh in light."""
     return lambda canvas: canvas.draw_mesh(
         mesh.vertices, mesh.faces.astype(np.int32), np.asarray(colour)
     )
 
 
 def lines(curves: Sequence[Floats] | Floats, colour: str = charts.INK, width: float = 1.0) -> Draw:
-    """What draws curves (n, 3) each."""
+    """Drawing of curves (n, 3); `width` [pixels]."""
 
     def draw(canvas: Canvas) -> None:
         for curve in curves:
@@ -104,18 +123,18 @@ def lines(curves: Sequence[Floats] | Floats, colour: str = charts.INK, width: fl
 
 
 def crosses(points: Floats, colour: str = charts.INK, radius: float = 1.3) -> Draw:
-    """What draws points (n, 3) as dots; `radius` in pixels."""
+    """Drawing of points (n, 3) as discs; `radius` [pixels]."""
     return lambda canvas: canvas.draw_points(points, rgb(colour), radius)
 
 
 def together(*draws: Draw) -> Draw:
-    """One after the other."""
+    """Drawing that runs several drawings in order."""
 
-    def draw(canvas: Canvas) -> None:
-        for one in draws:
-            one(canvas)
+    def draw_all(canvas: Canvas) -> None:
+        for draw in draws:
+            draw(canvas)
 
-    return draw
+    return draw_all
 
 
 def grid_lines(grid: Floats) -> list[Floats]:
@@ -138,7 +157,7 @@ def box_edges(low: Floats, high: Floats) -> list[Floats]:
     return [corners[list(pair)] for pair in pairs]
 
 
-def few_ticks(axes: Axes, across: int = 5, up: int = 5) -> None:
-    """Round values, and no more than so many steps between them."""
-    axes.xaxis.set_major_locator(MaxNLocator(across))
-    axes.yaxis.set_major_locator(MaxNLocator(up))
+def few_ticks(axes: Axes, max_steps: int = 5) -> None:
+    """Set ticks at round values, with at most `max_steps` steps between them along each axis."""
+    axes.xaxis.set_major_locator(MaxNLocator(max_steps))
+    axes.yaxis.set_major_locator(MaxNLocator(max_steps))

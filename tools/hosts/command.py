@@ -12,8 +12,8 @@ from palpate.launch.files.source_map import InputError, as_input_errors
 def host_command(address: str) -> None:
     """Lend this machine at its ADDRESS, 192.168.1.5 or 192.168.1.5:7447, until Ctrl-C.
 
-    Whoever has the same key (palpate keys) may run nodes here, and nobody else: a node is a
-    program. A launch file names the machine with host: ADDRESS.
+    Only launchers with the same key (palpate keys) can run nodes, which are programs, here. A
+    launch file names the machine with host: ADDRESS.
     """
     from palpate.launch.hosts.addresses import key_file, read_host
     from palpate.launch.hosts.agent import run_host_agent
@@ -27,7 +27,7 @@ def host_command(address: str) -> None:
 def keys_command() -> None:
     """Make the key that the machines of a graph share.
 
-    Copy it to the same place on the other machines, readable by nobody but you.
+    Copy it to the same place on the other machines, readable only by you.
     """
     from palpate.launch.hosts.addresses import key_file
     from palpate.messages.bus import make_key

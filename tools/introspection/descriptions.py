@@ -1,7 +1,7 @@
-"""What kinds of node, their parameters and message types are: types, units, defaults, comments.
+"""Descriptions of kinds of nodes, parameters and message types: types, units, defaults, comments.
 
-Comments are read from the source, beside or above a field, and are not there for a type that is
-known by its schema alone.
+Comments are read from the source, beside or above a field; a type that is known only by its schema
+has none.
 """
 
 from __future__ import annotations
@@ -32,34 +32,33 @@ from palpate.nodes.runtime.node import RecordedNode, Sink, Source, load_node
 from palpate.tools.introspection.echo import TextStyle, field_lines, yaml_lines, yaml_value
 from palpate.tools.introspection.requests import find_node, params_of, request
 
-OWN_PACKAGE = "palpate."  # Modules that may be imported to look at what they hold
-INDENT = 8  # Columns before the comment of a parameter
+OWN_PACKAGE = "palpate."  # of modules that may be imported for a description
 _BOUNDS = {"minimum": ">=", "exclusiveMinimum": ">", "maximum": "<=", "exclusiveMaximum": "<"}
 
 
 class Parameter(NamedTuple):
     """One parameter of a node."""
 
-    type: str  # In words, with its bounds
-    unit: str  # Empty if it has none
-    default: str  # In YAML; empty if it must be given
-    help: str  # The comment in the source; empty if there is none
+    type: str  # in words, with its bounds
+    unit: str  # empty without one
+    default: str  # in YAML; empty if the parameter is required
+    help: str  # comment in the source; empty without one
 
 
 def parameters_of(params: type) -> dict[str, Parameter]:
-    """The parameters of a node by name, given their type."""
-    made, comments = msgspec.json.schema(params), comments_of(params)
-    rules = made["$defs"][made["$ref"].rpartition("/")[2]]["properties"]
-    found = {}
-    for one in structs.fields(params):
-        rule = rules[one.encode_name]
-        default = one.default_factory() if callable(one.default_factory) else one.default
-        text = "" if one.required else yaml_value(msgspec.to_builtins(default), TextStyle())
+    """Parameters by name, from the type of a node's parameters."""
+    described, comments = msgspec.json.schema(params), comments_of(params)
+    rules = described["$defs"][described["$ref"].rpartition("/")[2]]["properties"]
+    parameters = {}
+    for field in structs.fields(params):
+        rule = rules[field.encode_name]
+        default = field.default_factory() if callable(field.default_factory) else field.default
+        text = "" if field.required else yaml_value(msgspec.to_builtins(default), TextStyle())
         parts = (rule, *rule.get("anyOf", ()))
         unit = next((str(part["description"]) for part in parts if "description" in part), "")
-        told = comments.get(one.name, "")
-        found[one.encode_name] = Parameter(_in_words(rule), unit, text, told)
-    return found
+        comment = comments.get(field.name, "")
+        parameters[field.encode_name] = Parameter(_in_words(rule), unit, text, comment)
+    return parameters
 
 
 def _in_words(rule: Mapping[str, Any]) -> str:
@@ -81,55 +80,57 @@ def _in_words(rule: Mapping[str, Any]) -> str:
 
 
 def comments_of(cls: type) -> dict[str, str]:
-    """The comment of each field of a class and those that it rests on, as far as there are any."""
-    found: dict[str, str] = {}
-    for one in reversed(cls.__mro__):
+    """Comments of the fields of a class and its base classes, by name, where there are any."""
+    comments: dict[str, str] = {}
+    for base in reversed(cls.__mro__):
         with suppress(OSError, TypeError, SyntaxError):  # it has no source in Python
-            found |= _comments(textwrap.dedent(inspect.getsource(one)))
-    return found
+            comments |= _comments(textwrap.dedent(inspect.getsource(base)))
+    return comments
 
 
 def _comments(source: str) -> Iterator[tuple[str, str]]:
     lines = source.splitlines()
-    (made,) = ast.parse(source).body
-    for field in made.body if isinstance(made, ast.ClassDef) else ():
+    (statement,) = ast.parse(source).body
+    for field in statement.body if isinstance(statement, ast.ClassDef) else ():
         if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name):
             _, mark, beside = lines[(field.end_lineno or 0) - 1].rpartition("  # ")
             above = takewhile(lambda line: line.lstrip()[:1] == "#", lines[field.lineno - 2 :: -1])
-            told = [line.lstrip("# ") for line in above][::-1]
-            yield field.target.id, beside if mark else " ".join(told)
+            words = [line.lstrip("# ") for line in above][::-1]
+            yield field.target.id, beside if mark else " ".join(words)
 
 
 def describe_kind(name: str) -> dict[str, Any]:
-    """What a kind of node is, its topics with their types, and its parameters.
+    """Description of a kind of node, its topics with their types, and its parameters.
 
-    Of a sink and of a source the topics are None. Raises InputError if there is no such kind.
+    The topics of a sink and of a source are None. Raises InputError if there is no such kind.
     """
     entry = Entry(name=name, kind=name)
     node = load_entry(entry)
-    told, _, _ = (inspect.getdoc(sys.modules[entry.module]) or "").partition("\n\n")
+    summary, _, _ = (inspect.getdoc(sys.modules[entry.module]) or "").partition("\n\n")
     inputs, outputs = None, None
     if not isinstance(node, Sink | Source):
         inputs = {topic: kind.__name__ for topic, (kind, _) in node.inputs.items()}
         outputs = {topic: kind.__name__ for topic, kind in node.outputs.items()}
     return {
         "kind": name,
-        "told": told,
+        "told": summary,
         "sink": isinstance(node, Sink),
         "subscribes": inputs,
         "publishes": outputs,
-        "parameters": {one: about._asdict() for one, about in parameters_of(node.params).items()},
+        "parameters": {
+            param: about._asdict() for param, about in parameters_of(node.params).items()
+        },
         "settable": list(getattr(node, "settable", ())),
     }
 
 
-def kind_text(kind: Mapping[str, Any]) -> str:
-    """The same for people."""
+def kind_text(kind: Mapping[str, Any], indent: int = 8) -> str:
+    """Lines about a kind of node; `indent` of comments."""
     lines = [kind["kind"], *_paragraph(kind["told"], 2)]
     if kind["sink"]:
         lines.append("  subscribes to everything")
     elif kind["subscribes"] is None:
-        lines.append("  subscribes to nothing; its parameters tell what it publishes")
+        lines.append("  subscribes to nothing; its parameters define what it publishes")
     for what in ("subscribes", "publishes"):
         topics = kind[what] or {}
         lines += [f"  {what:<10} {topic}  {type_name}" for topic, type_name in topics.items()]
@@ -138,13 +139,13 @@ def kind_text(kind: Mapping[str, Any]) -> str:
         unit = f"  {about['unit']}" if about["unit"] else ""
         may = "  settable" if param in kind["settable"] else ""
         takes = f"  takes {param}  {about['type']}{unit}  {need}{may}"
-        lines += textwrap.wrap(takes, TEXT_WIDTH, subsequent_indent=" " * INDENT)
-        lines += _paragraph(about["help"], INDENT)
+        lines += textwrap.wrap(takes, TEXT_WIDTH, subsequent_indent=" " * indent)
+        lines += _paragraph(about["help"], indent)
     return "\n".join(lines)
 
 
 def _paragraph(text: str, indent: int) -> list[str]:
-    """A text as lines of 80 columns, so many of them blank."""
+    """A text as lines of 80 columns, the first `indent` of them blank."""
     blank = " " * indent
     return textwrap.wrap(
         " ".join(text.split()), TEXT_WIDTH, initial_indent=blank, subsequent_indent=blank
@@ -154,7 +155,7 @@ def _paragraph(text: str, indent: int) -> list[str]:
 def describe_param(card: RunCard, name: str, param: str) -> dict[str, Any]:
     """The value of a parameter, with type, unit, default and comment where they are known.
 
-    ``a.b`` is an entry within a parameter. Raises ValueError if there is no such node or parameter.
+    ``a.b`` is an entry of a parameter. Raises ValueError if there is no such node or parameter.
     """
     node = find_node(card, name)
     value = params_of(node)
@@ -163,41 +164,41 @@ def describe_param(card: RunCard, name: str, param: str) -> dict[str, Any]:
             known = value if isinstance(value, dict) else ()
             raise ValueError(f"{node.name} has no parameter {param!r}; {hint(part, known)}")
         value = value[part]
-    # One's own module is left be: it is not imported to be looked at.
+    # A module of a user is not imported for a description.
     ours = node.module.startswith(OWN_PACKAGE)
     about = parameters_of(load_node(node.module).params).get(param) if ours else None
     return {"value": value, **{k: t for k, t in (about._asdict() if about else {}).items() if t}}
 
 
 def param_text(described: Mapping[str, Any]) -> str:
-    """The same in YAML, in which the default is already."""
-    told = {key: value for key, value in described.items() if key != "default"}
+    """The description of a parameter in YAML; the default is in YAML already."""
+    fields = {key: value for key, value in described.items() if key != "default"}
     default = [f"default: {described['default']}"] if "default" in described else []
-    return "\n".join([*yaml_lines(told), *default])
+    return "\n".join([*yaml_lines(fields), *default])
 
 
 def set_parameter(card: RunCard, name: str, param: str, value: str) -> str:
-    """Set a parameter between two messages; returns what it was and is.
+    """Set a parameter between two messages; returns the old and the new value as text.
 
-    `value` is in YAML; a length or a time may have a unit, as ``0.1mm``, and is in SI without one.
-    Raises ValueError if there is no such node, the parameter cannot be set while it runs, or the
-    node refuses the value; InputError if the unit is none of the parameter's.
+    `value` is in YAML; a length or a time may have a unit, such as ``0.1mm``, and is in SI units
+    without one. Raises ValueError if there is no such node, the parameter cannot be set while it
+    runs, or the node refuses the value; InputError if the unit does not fit the parameter.
     """
     node = find_node(card, name)
-    made = parse_yaml(value, "VALUE").value
+    parsed = parse_yaml(value, "VALUE").value
     units = UNITS.get(_unit_of(node, param))
-    if isinstance(made, str) and units is not None:
+    if isinstance(parsed, str) and units is not None:
         try:
-            made = in_base_unit(made, units)
+            parsed = in_base_unit(parsed, units)
         except ValueError as error:
-            raise InputError(f"{param} {made}: {error}") from None
-    request(card, "set", node=node.name, param=param, value=msgspec.json.encode(made).decode())
-    was, now = (yaml_value(x, TextStyle(flow=True)) for x in (params_of(node)[param], made))
-    return f"{node.name}.{param}: {was} -> {now}"
+            raise InputError(f"{param} {parsed}: {error}") from None
+    request(card, "set", node=node.name, param=param, value=msgspec.json.encode(parsed).decode())
+    old, new = (yaml_value(x, TextStyle(flow=True)) for x in (params_of(node)[param], parsed))
+    return f"{node.name}.{param}: {old} -> {new}"
 
 
 def _unit_of(node: RecordedNode, param: str) -> str:
-    """The unit of a parameter, as far as it is known without importing the user's modules."""
+    """The unit of a parameter; empty for a node of a user, whose module is not imported."""
     if not node.module.startswith(OWN_PACKAGE):
         return ""
     about = parameters_of(load_node(node.module).params).get(param)
@@ -205,33 +206,33 @@ def _unit_of(node: RecordedNode, param: str) -> str:
 
 
 def known_interfaces(run: str | None, bag: Path | None) -> dict[str, str]:
-    """Message types by name with their schemas: palpate's, and those of a graph or a recording.
+    """Schemas of message types by name: of palpate, and of a graph or a recording.
 
-    Without `run` and `bag` they are those of the graph that is meant, if one runs. Raises
-    InputError if there is no such graph or recording.
+    Without `run` and `bag`, those of the default running graph, if one runs. Raises InputError if
+    there is no such graph or recording.
     """
-    found: Mapping[str, str] = {}
+    schemas: Mapping[str, str] = {}
     with as_input_errors():
         if bag is not None:
-            found = recording.open_recording(find_bag(bag)).schemas
+            schemas = recording.open_recording(find_bag(bag)).schemas
         elif run is not None or running_graphs():
-            found = find_run(run).schemas
-    return dict(sorted({**found, **dict.fromkeys(TYPES, "")}.items()))
+            schemas = find_run(run).schemas
+    return dict(sorted({**schemas, **dict.fromkeys(TYPES, "")}.items()))
 
 
 def find_interface(name: str, known: Mapping[str, str]) -> type:
-    """A message type; ValueError if it is not among those that are known, or has no schema."""
+    """A message type by name; raises ValueError if it is unknown, or its schema is invalid."""
     if name not in known:
         raise ValueError(f"there is no type {name!r}; {hint(name, known)}")
     return TYPES.get(name) or type_of_schema(known[name])
 
 
-def interface_text(cls: type) -> str:
-    """What a message type is: a line for each field, with type and unit, and its comment below."""
+def interface_text(cls: type, indent: int = 8) -> str:
+    """Lines about a message type: each field with type and unit, and its comment below."""
     comments = comments_of(cls) if cls.__name__ in TYPES else {}
     lines = [cls.__name__]
     for part in (inspect.getdoc(cls) or "").split("\n\n"):
         lines += [*_paragraph(part, 2), ""]
     for line in field_lines(cls):
-        lines += [f"  {line}", *_paragraph(comments.get(line.split()[0], ""), INDENT)]
+        lines += [f"  {line}", *_paragraph(comments.get(line.split()[0], ""), indent)]
     return "\n".join(lines)

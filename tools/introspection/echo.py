@@ -1,7 +1,7 @@
-"""The messages of a topic as they come, filtered: YAML for people and CSV for programs.
+"""Prints the messages of a topic as they come, filtered, in YAML or CSV, and counts losses.
 
-A filter like ``touch > 3 and outcome == 'hit'`` compares fields with values, joined by ``and``,
-``or`` and brackets; nothing is run. Losses are counted.
+A filter such as ``touch > 3 and outcome == 'hit'`` compares fields with values, joined by ``and``,
+``or`` and brackets; it is parsed and never executed.
 """
 
 from __future__ import annotations
@@ -28,19 +28,13 @@ from palpate.launch.processes.registry import RunCard
 from palpate.messages import codec_of, schema
 from palpate.tools.introspection.topics import TapMessage, TapSubscription, Topic, message_of
 
-FOLDED = 4  # Columns before what of a sequence stands on its further lines
-MAX_ITEMS = 16  # A sequence with more elements is shortened, unless all is wanted
-ITEMS_SHOWN = 3  # Elements of a shortened sequence that are shown
 # Texts that need no quotes in YAML.
 _PLAIN = re.compile(r"[A-Za-z_/][A-Za-z0-9_/. -]*[A-Za-z0-9_/.]|[A-Za-z_/]")
 _MEANS_MORE = frozenset({"true", "false", "null", "yes", "no", "on", "off", "y", "n"})
 _DTYPES = {"<f8": "float64", "<i4": "int32", "|u1": "uint8", "|b1": "bool"}
 Sequence = np.ndarray[Any, Any] | tuple[Any, ...] | list[Any]
-LOSS_INTERVAL = 1.0  # Losses are told at most this often, s
-QUIET_TIME = 3.0  # If nothing has come for so long, that is told, s
 Echo = Callable[[str], None]
-MessageFilter = Callable[[Mapping[str, Any]], bool]  # Whether a message, by its fields, is wanted
-MAX_FILTER_LENGTH = 1000  # Longest filter, characters
+MessageFilter = Callable[[Mapping[str, Any]], bool]  # whether to show a message, from its fields
 _OPERATORS: dict[type[ast.cmpop], Callable[[Any, Any], bool]] = {
     ast.Eq: operator.eq,
     ast.NotEq: operator.ne,
@@ -51,46 +45,50 @@ _OPERATORS: dict[type[ast.cmpop], Callable[[Any, Any], bool]] = {
 }
 _WORDS = {"true": True, "false": False, "null": None}
 _NAME = r"[A-Za-z_][A-Za-z0-9_]*"
-PATH_PATTERN = rf"{_NAME}(?:\.{_NAME}|\[[0-9]+\])*"  # Pattern of a path
+PATH_PATTERN = rf"{_NAME}(?:\.{_NAME}|\[[0-9]+\])*"
 _SHAPE = "a filter looks like touch > 3 and (outcome == 'hit' or pose[2] < 0.01)"
 _STEP = re.compile(rf"\.?({_NAME})|\[([0-9]+)\]")
-_INDEX_DIGITS = 9  # A longer index is beyond every array, and is not read further
+_MAX_INDEX_DIGITS = 9  # beyond the length of any array
 
 
 class TextStyle(NamedTuple):
     """How much of a message is shown, and how."""
 
-    arrays: bool = True  # Whether elements of arrays are shown at all
-    full: bool = False  # Whether long arrays are shown whole
-    flow: bool = False  # Whether each field takes one line, whatever it holds
+    arrays: bool = True  # whether elements of arrays are shown
+    full: bool = False  # whether long arrays are shown whole
+    flow: bool = False  # whether each field is on one line
+    max_items: int = 16  # elements of a sequence that is not shortened
+    n_shown: int = 3  # elements of a shortened sequence
+    indent: int = 4  # of the further lines of a sequence
 
 
 _WHOLE = TextStyle(full=True)
 
 
 class EchoFormat(NamedTuple):
-    """What is shown of each message, and how."""
+    """Values that are shown of each message, and how."""
 
-    paths: tuple[FieldPath, ...] = ()  # The values wanted; all fields if there is none
+    paths: tuple[FieldPath, ...] = ()  # shown values; empty: all fields
     style: TextStyle = TextStyle()
     csv: bool = False
-    raw: bool = False  # Whether bytes are shown as they came, unread
-    wanted: MessageFilter | None = None  # Which messages are shown; all of them if None
-    lacking: Callable[[FieldPath, str | None], None] = lambda path, why: None  # Of each value
+    raw: bool = False  # whether bytes are shown undecoded
+    wanted: MessageFilter | None = None  # which messages are shown; None: all
+    # Called for each value, with the reason if a message lacks it.
+    lacking: Callable[[FieldPath, str | None], None] = lambda path, why: None
 
     def value(self, path: FieldPath, fields: Mapping[str, Any]) -> Any:
-        """The value at a path; None where this message has none, as a list may be too short."""
+        """The value at a path; None if this message lacks it, as if a list is too short."""
         try:
-            found = path.of(fields)
+            value = path.of(fields)
         except LookupError as error:
             self.lacking(path, str(error.args[0]))
             return None
         self.lacking(path, None)
-        return found
+        return value
 
 
 class FieldReport:
-    """Which of the values that were asked for some message had."""
+    """Records which of the requested values any message had."""
 
     def __init__(self, tell: Echo) -> None:
         self._tell = tell
@@ -98,7 +96,7 @@ class FieldReport:
         self._had: set[str] = set()
 
     def note(self, path: FieldPath, why: str | None) -> None:
-        """A message had the value, or lacks it and why; tells of the first that does."""
+        """Take note that a message has a value, or lacks it; reports the first that lacks it."""
         if why is None:
             self._had.add(path.text)
         elif path.text not in self._lacking:
@@ -106,31 +104,31 @@ class FieldReport:
             self._tell(f"null where there is none: {why}")
 
     def check(self) -> None:
-        """ValueError if no message had one of them."""
+        """Raise ValueError if no message had one of the values."""
         for text, why in self._lacking.items():
             if text not in self._had:
                 raise ValueError(f"--field {text}: no message that was shown has it; {why}")
 
 
 class LossReport:
-    """How many messages were sent and not received, told in sentences."""
+    """Reports the number of lost messages, at most once in an `interval` [s]."""
 
-    def __init__(self, topic: str, tell: Echo) -> None:
-        self._topic, self._tell = topic, tell
-        self._lost = self._told = 0
+    def __init__(self, topic: str, tell: Echo, interval: float = 1.0) -> None:
+        self._topic, self._tell, self._interval = topic, tell, interval
+        self._lost = self._reported = 0
         self._due = 0.0
 
     def add(self, lost: int, now: float) -> None:
-        """So many are missing more; tells of it from time to time."""
+        """Count lost messages, and report them if a report is due."""
         self._lost += lost
         if now >= self._due:
-            self._due = now + LOSS_INTERVAL
+            self._due = now + self._interval
             self.tell()
 
     def tell(self) -> None:
-        """Tell of what has not been told of."""
-        if self._lost > self._told:
-            self._told = self._lost
+        """Report losses that were not reported yet."""
+        if self._lost > self._reported:
+            self._reported = self._lost
             self._tell(f"{self._topic}: {self._lost} messages lost on the way here so far")
 
 
@@ -144,15 +142,16 @@ def echo_topic(
     tell: Echo,
     losses: LossReport,
 ) -> None:
-    """Show the messages of a topic until the graph ends, or so many have been shown.
+    """Show the messages of a topic until the graph ends, or `most` have been shown.
 
-    `say` takes each message, `tell` what is odd. Raises ValueError if what comes is not what the
-    topic carries, or cannot be compared as the filter asks.
+    `say` takes each message, `tell` remarks. Raises ValueError if a message is not of the type of
+    the topic, or cannot be compared by the filter.
     """
     report = FieldReport(tell)
     form = form._replace(lacking=report.note)
     with TapSubscription(card, [topic], latched=True) as taps:
-        texts = (message_text(topic, one, form) for one in _received(taps, topic, losses, tell))
+        received = _received(taps, topic, losses, tell)
+        texts = (message_text(topic, message, form) for message in received)
         for text in islice((text for text in texts if text is not None), most):
             say(text)
     losses.tell()
@@ -160,9 +159,10 @@ def echo_topic(
 
 
 def _received(
-    taps: TapSubscription, topic: Topic, losses: LossReport, tell: Echo
+    taps: TapSubscription, topic: Topic, losses: LossReport, tell: Echo, quiet_time: float = 3.0
 ) -> Iterator[TapMessage]:
-    quiet: float | None = time.monotonic() + QUIET_TIME
+    """Copies of messages; a remark is made if none comes in the `quiet_time` [s] at the start."""
+    quiet: float | None = time.monotonic() + quiet_time
     for batch in taps.batches():
         for received in batch:
             quiet = None
@@ -170,11 +170,11 @@ def _received(
             yield received
         if quiet is not None and time.monotonic() > quiet:
             quiet = None
-            tell(f"nothing has come on {topic.name} yet; only what is latched is repeated")
+            tell(f"nothing has come on {topic.name} yet; only latched messages are repeated")
 
 
 def message_text(topic: Topic, received: TapMessage, form: EchoFormat) -> str | None:
-    """A message as text; None if the filter does not want it."""
+    """A message as text; None if the filter excludes it."""
     fields = {} if form.raw and form.wanted is None else fields_of(topic, received)
     if form.wanted is not None and not form.wanted(fields):
         return None
@@ -193,13 +193,13 @@ def message_text(topic: Topic, received: TapMessage, form: EchoFormat) -> str | 
 
 def fields_of(topic: Topic, received: TapMessage) -> dict[str, Any]:
     """Fields of a message and their values; raises ValueError if it is not of the topic's type."""
-    found = message_of(topic, received.header, received.body)
-    codec = codec_of(type(found))
-    return dict(zip(codec.names, codec.values(found), strict=True))
+    message = message_of(topic, received.header, received.body)
+    codec = codec_of(type(message))
+    return dict(zip(codec.names, codec.values(message), strict=True))
 
 
 def yaml_lines(fields: Mapping[str, Any], style: TextStyle = _WHOLE) -> Iterator[str]:
-    """Fields in YAML, one a line, and so those of tables within them."""
+    """Fields in YAML, one a line, and those of nested tables below."""
     if style.flow:
         yield yaml_value(fields, style)
         return
@@ -208,24 +208,24 @@ def yaml_lines(fields: Mapping[str, Any], style: TextStyle = _WHOLE) -> Iterator
             yield f"{_text(name)}:"
             yield from (f"  {line}" for line in yaml_lines(value, style))
         else:
-            yield from _folded(f"{_text(name)}: {yaml_value(value, style)}", value)
+            yield from _folded(f"{_text(name)}: {yaml_value(value, style)}", value, style.indent)
 
 
-def _folded(line: str, value: Any) -> list[str]:
-    """A line of YAML; of 80 columns, if it is a sequence, as every reader of YAML takes it."""
+def _folded(line: str, value: Any, indent: int) -> list[str]:
+    """A line of YAML; that of a sequence is folded to 80 columns, which YAML allows."""
     if len(line) <= TEXT_WIDTH or not isinstance(value, (np.ndarray, tuple, list)):
         return [line]
     return textwrap.wrap(
         line,
-        TEXT_WIDTH - FOLDED,
-        subsequent_indent=" " * FOLDED,
+        TEXT_WIDTH - indent,
+        subsequent_indent=" " * indent,
         break_long_words=False,
         break_on_hyphens=False,
     )
 
 
 def csv_line(values: list[Any], style: TextStyle) -> str:
-    """Values as one row, arrays and tables spread over as many columns as they have elements."""
+    """Values as one row, with a column for each element of arrays and tables."""
     stream = io.StringIO()
     row = [cell for value in values for cell in _cells(value, style)]
     csv.writer(stream, lineterminator="").writerow(row)
@@ -234,22 +234,22 @@ def csv_line(values: list[Any], style: TextStyle) -> str:
 
 def _cells(value: Any, style: TextStyle) -> list[Any]:
     if isinstance(value, Mapping):
-        return [cell for one in value.values() for cell in _cells(one, style)]
+        return [cell for item in value.values() for cell in _cells(item, style)]
     if isinstance(value, (np.ndarray, tuple, list)):
         if not style.arrays:
             return [_kind(value)]
-        return [cell for one in _plain(value) for cell in _cells(one, style)]
+        return [cell for item in _plain(value) for cell in _cells(item, style)]
     return [value if isinstance(value, str) else _scalar(value)]
 
 
 def field_lines(cls: type) -> list[str]:
-    """One line for each field: name, what it holds, unit."""
+    """One line for each field: name, kind, unit."""
     fields = schema(cls)["properties"].items()
     return text_table([(name, "  ".join(filter(None, _described(rule)))) for name, rule in fields])
 
 
 def _described(rule: dict[str, Any]) -> tuple[str, str]:
-    """What a field holds, and its unit."""
+    """Kind of a field, and its unit."""
     unit = str(rule.get("unit", ""))
     if "dtype" in rule:
         sides = " x ".join("any" if n is None else str(n) for n in rule["shape"])
@@ -270,7 +270,7 @@ def _described(rule: dict[str, Any]) -> tuple[str, str]:
 def yaml_value(value: Any, style: TextStyle) -> str:
     """One value in YAML, in one line."""
     if isinstance(value, Mapping):
-        inner = (f"{_text(str(key))}: {yaml_value(one, style)}" for key, one in value.items())
+        inner = (f"{_text(str(key))}: {yaml_value(item, style)}" for key, item in value.items())
         return "{" + ", ".join(inner) + "}"
     if isinstance(value, (np.ndarray, tuple, list)):
         return _sequence(value, style)
@@ -281,12 +281,12 @@ def _sequence(value: Sequence, style: TextStyle) -> str:
     size = value.size if isinstance(value, np.ndarray) else len(value)
     if not style.arrays:
         return _text(_kind(value))
-    if size > MAX_ITEMS and not style.full:
-        every = value.ravel() if isinstance(value, np.ndarray) else value
-        begun = ", ".join(_scalar(one) for one in _plain(every[:ITEMS_SHOWN]))
-        return _text(f"{_kind(value)}: {begun}, ...")
+    if size > style.max_items and not style.full:
+        flat = value.ravel() if isinstance(value, np.ndarray) else value
+        start = ", ".join(map(_scalar, _plain(flat[: style.n_shown])))
+        return _text(f"{_kind(value)}: {start}, ...")
     inner = style._replace(full=True)
-    return "[" + ", ".join(yaml_value(one, inner) for one in _plain(value)) + "]"
+    return "[" + ", ".join(yaml_value(item, inner) for item in _plain(value)) + "]"
 
 
 def _kind(value: Sequence) -> str:
@@ -304,7 +304,7 @@ def _scalar(value: Any) -> str:
         return _text(str(value))
     if not math.isfinite(value):
         return ".nan" if math.isnan(value) else ".inf" if value > 0 else "-.inf"
-    text = repr(value)  # as every reader of YAML takes it for a float
+    text = repr(value)  # a form that YAML 1.1 and 1.2 read as a float
     return text.replace("e", ".0e") if "e" in text and "." not in text else text
 
 
@@ -318,23 +318,23 @@ def _plain(value: Sequence) -> list[Any]:
     return value.tolist() if isinstance(value, np.ndarray) else list(value)
 
 
-def read_filter(text: str, cls: type) -> MessageFilter:
-    """A filter for messages of one type; raises ValueError if it is none, or lacks a field."""
-    if len(text) > MAX_FILTER_LENGTH:
-        raise ValueError(f"a filter has at most {MAX_FILTER_LENGTH} characters, got {len(text)}")
+def read_filter(text: str, cls: type, max_length: int = 1000) -> MessageFilter:
+    """A filter for messages of one type; raises ValueError if it is invalid, or lacks a field."""
+    if len(text) > max_length:
+        raise ValueError(f"a filter has at most {max_length} characters, got {len(text)}")
     source = text.strip()
     try:
-        tree = ast.parse(source, mode="eval")  # read, and never run
+        tree = ast.parse(source, mode="eval")  # parsed, and never executed
     except (SyntaxError, ValueError, RecursionError, MemoryError):
         raise ValueError(f"--filter: cannot read {source!r:.60}; {_SHAPE}") from None
     return _filter_of(source, tree.body, cls)
 
 
 def _filter_of(source: str, node: ast.expr, cls: type) -> MessageFilter:
-    """What one part of a filter wants: comparisons, joined by ``and`` or ``or``."""
+    """Filter of a part of an expression: comparisons, joined by ``and`` or ``or``."""
     match node:
         case ast.BoolOp(op=op, values=values):
-            parts = [_filter_of(source, one, cls) for one in values]
+            parts = [_filter_of(source, value, cls) for value in values]
             joined = all if isinstance(op, ast.And) else any
             return lambda fields: joined(part(fields) for part in parts)
         case ast.Compare(left=left, ops=[op], comparators=[right]) if type(op) in _OPERATORS:
@@ -359,7 +359,7 @@ def _written(source: str, node: ast.expr) -> str:
 
 
 def read_path(text: str, cls: type) -> FieldPath:
-    """A path in messages of one type; ``m.`` before it means the message and may be left out.
+    """A path in messages of one type; the prefix ``m.``, for the message, is optional.
 
     Raises ValueError if it cannot be read, or the type has no such field.
     """
@@ -370,7 +370,8 @@ def read_path(text: str, cls: type) -> FieldPath:
             "by an index from 0"
         )
     steps = tuple(
-        int(index[: _INDEX_DIGITS + 1]) if index else name for name, index in _STEP.findall(wanted)
+        int(index[: _MAX_INDEX_DIGITS + 1]) if index else name
+        for name, index in _STEP.findall(wanted)
     )
     known = codec_of(cls).names
     if steps[0] not in known:
@@ -381,7 +382,7 @@ def read_path(text: str, cls: type) -> FieldPath:
 
 
 def _check_steps(path: FieldPath, rule: dict[str, Any]) -> None:
-    """Refuse, by a ValueError, what no message can have, by the schema of the first step."""
+    """Raise ValueError if no message can have the path, by the schema of its first step."""
     shape: list[int | None] = []
     for count, step in enumerate(path.steps[1:], 1):
         before = path.written(count)
@@ -404,7 +405,7 @@ def _check_steps(path: FieldPath, rule: dict[str, Any]) -> None:
 
 
 def _held(rule: dict[str, Any], shape: list[int | None]) -> str:
-    """What is there, in words."""
+    """Content of a field, in words."""
     if shape or rule.get("type") == "array":
         return "several values by their indices"
     return "a table, by its names" if rule.get("type") == "object" else "one value"
@@ -439,17 +440,17 @@ def _comparison(path: FieldPath, compare: Callable[[Any, Any], bool], wanted: An
 class FieldPath(NamedTuple):
     """Steps from a message to one of its values."""
 
-    text: str  # As it was written
-    steps: tuple[str | int, ...]  # Field, then keys of tables and indices of sequences
+    text: str  # as written by the user
+    steps: tuple[str | int, ...]  # field, then keys of tables and indices of sequences
 
     def written(self, count: int) -> str:
-        """The first so many steps, as a text."""
+        """The first `count` steps, as a text."""
         return "".join(
-            f"[{one}]" if isinstance(one, int) else f".{one}" for one in self.steps[:count]
+            f"[{step}]" if isinstance(step, int) else f".{step}" for step in self.steps[:count]
         ).removeprefix(".")
 
     def of(self, fields: Mapping[str, Any]) -> Any:
-        """The value at this path; raises LookupError, that says why, if this message has none."""
+        """The value at this path; raises LookupError with the reason if a message lacks it."""
         value: Any = fields
         for count, step in enumerate(self.steps):
             before = self.written(count)

@@ -1,4 +1,4 @@
-"""What a tool asks a running graph: the launcher by requests, the nodes by their status."""
+"""Requests of tools to the launcher of a running graph, and samples of the status of its nodes."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import textwrap
 import time
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
 from itertools import count
 from typing import Any, NamedTuple, get_type_hints
 
@@ -34,30 +35,38 @@ from palpate.tools.introspection.topics import (
 )
 
 NODES_PACKAGE = "palpate.nodes."
-STATUS_PATIENCE = 1.5  # A node that says nothing for so long works, hangs or is stopped, s
-LONG_TEXT = 256  # A longer text is named by its size and hash, characters
-REQUEST_PATIENCE = 5.0  # Who does not answer for so long is busy, or stopped, s
-RETRY = 0.02  # A node that is not up is asked for again after this long, s
 PLAYER_MODULE = "palpate.nodes.player"
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RequestTimeouts:
+    """Waits for answers of a running graph [s]."""
+
+    answer: float = 5.0  # of the launcher; without one it is busy or stopped
+    retry: float = 0.02  # before the launcher is asked again for a node that is starting
+    status: float = 1.5  # for two statuses of a node; without them it works, hangs or is stopped
+
+
+TIMEOUTS = RequestTimeouts()
+
+
 def describe_node(card: RunCard, name: str) -> dict[str, Any]:
-    """What a node is and how it is doing; raises ValueError if there is none, or nobody answers."""
+    """Facts and state of a node; raises ValueError if there is none, or no answer."""
     node = find_node(card, name)
     about = request(card, "status")["nodes"][node.name]
     beats = sample_status(card, [node.name]) if about["pid"] else {}
-    found, topics = beats.get(node.name), topics_of(card)
+    sample, topics = beats.get(node.name), topics_of(card)
     return {
         "node": node.name,
         "kind": node.module.removeprefix(NODES_PACKAGE),
         "pid": about["pid"] or None,
         "restarts": about["restarts"],
         "silent_s": about["silent_s"],
-        "status": found and msgspec.to_builtins(found.status),
-        "load": found and found.load,
+        "status": sample and msgspec.to_builtins(sample.status),
+        "load": sample and sample.load,
         "subscribes": [
-            {key: getattr(one, key) for key in ("topic", "type", "publisher")}
-            for one in node.inputs
+            {key: getattr(edge, key) for key in ("topic", "type", "publisher")}
+            for edge in node.inputs
         ],
         "publishes": [
             {"topic": wire, "type": topics[wire].type, "subscribers": topics[wire].subscribers}
@@ -68,7 +77,7 @@ def describe_node(card: RunCard, name: str) -> dict[str, Any]:
 
 
 def node_text(about: Mapping[str, Any]) -> str:
-    """The same for people."""
+    """Lines about a node."""
     params = (f"    {line}" for line in yaml_lines(about["params"]))
     return "\n".join([*_health_lines(about), *_traffic_lines(about), "  params", *params])
 
@@ -92,13 +101,13 @@ def _health_lines(about: Mapping[str, Any]) -> Iterator[str]:
 
 def _traffic_lines(about: Mapping[str, Any]) -> Iterator[str]:
     yield "  subscribes"
-    for one in about["subscribes"]:
-        yield f"    {one['topic']}  {one['type']}  from {one['publisher']}"
+    for edge in about["subscribes"]:
+        yield f"    {edge['topic']}  {edge['type']}  from {edge['publisher']}"
     yield "  publishes"
-    for one in about["publishes"]:
-        to = ", ".join(one["subscribers"]) or "nobody"
+    for edge in about["publishes"]:
+        to = ", ".join(edge["subscribers"]) or "no node"
         yield from textwrap.wrap(
-            f"{one['topic']}  {one['type']}  to {to}",
+            f"{edge['topic']}  {edge['type']}  to {to}",
             TEXT_WIDTH,
             initial_indent=" " * 4,
             subsequent_indent=" " * 8,
@@ -106,47 +115,47 @@ def _traffic_lines(about: Mapping[str, Any]) -> Iterator[str]:
 
 
 class StatusSample(NamedTuple):
-    """The last words of one node about itself."""
+    """The latest status of a node, and its load."""
 
-    status: NodeStatus  # The latest
-    load: float | None  # Share of one processor since the word before; None if there was none
+    status: NodeStatus
+    load: float | None  # fraction of a processor since the status before; None without one
 
 
-def sample_status(card: RunCard, names: Collection[str]) -> dict[str, StatusSample]:
-    """What these nodes publish of themselves; twice each, unless the patience ends."""
-    found: dict[str, StatusSample] = {}
+def sample_status(
+    card: RunCard, names: Collection[str], timeouts: RequestTimeouts = TIMEOUTS
+) -> dict[str, StatusSample]:
+    """Two statuses of each node, as far as they come in time."""
+    samples: dict[str, StatusSample] = {}
     sent: dict[str, int] = {}
     topic = Topic(bus.STATUS_TOPIC, NodeStatus.__name__, tuple(names), ())
-    until = time.monotonic() + STATUS_PATIENCE
+    until = time.monotonic() + timeouts.status
     with TapSubscription(card, [topic]) as taps:
         while (left := until - time.monotonic()) > 0 and not all(
-            name in found and found[name].load is not None for name in names
+            name in samples and samples[name].load is not None for name in names
         ):
             for received in taps.take(left):
-                status, when = decode(NodeStatus, received.body), received.header.sent_ns
-                before, was = found.get(received.publisher), sent.get(received.publisher, 0)
-                load = None
+                publisher, sent_ns = received.publisher, received.header.sent_ns
+                status, load = decode(NodeStatus, received.body), None
+                before = samples.get(publisher)
                 if before is not None and status.cpu >= before.status.cpu:
-                    load = (status.cpu - before.status.cpu) / (1e-9 * (when - was))
-                found[received.publisher], sent[received.publisher] = (
-                    StatusSample(status, load),
-                    when,
-                )
-    return found
+                    elapsed = 1e-9 * (sent_ns - sent[publisher])
+                    load = (status.cpu - before.status.cpu) / elapsed
+                samples[publisher], sent[publisher] = StatusSample(status, load), sent_ns
+    return samples
 
 
 def dump_params(card: RunCard, name: str | None = None) -> dict[str, Any]:
-    """Parameters of one node or of all, ``node: {params: ...}``; bytes by their size and SHA-256.
+    """Parameters of one node or of all, ``node: {params: ...}``; bytes as size and SHA-256.
 
     Raises ValueError if the graph has no such node.
     """
     nodes = card.nodes if name is None else (find_node(card, name),)
-    return {one.name: {"params": params_of(one)} for one in nodes}
+    return {node.name: {"params": params_of(node)} for node in nodes}
 
 
 def find_node(card: RunCard, name: str) -> RecordedNode:
-    """The node of this name, which may begin with a slash; raises ValueError if there is none."""
-    nodes = {one.name: one for one in card.nodes}
+    """A node by name, with or without a slash before it; raises ValueError if there is none."""
+    nodes = {node.name: node for node in card.nodes}
     wanted = name.removeprefix("/")
     if wanted not in nodes:
         raise ValueError(f"the graph has no node {wanted!r}; {hint(wanted, nodes)}")
@@ -154,18 +163,18 @@ def find_node(card: RunCard, name: str) -> RecordedNode:
 
 
 def params_of(node: RecordedNode) -> Any:
-    """A node's parameters as plain values, long texts by size and hash."""
+    """Parameters of a node as plain values; long texts as size and hash."""
     return _short(msgspec.json.decode(node.params))
 
 
-def _short(value: Any) -> Any:
+def _short(value: Any, max_letters: int = 256) -> Any:
     if isinstance(value, dict):
         return {key: _short(item) for key, item in value.items()}
     if isinstance(value, list):
         return [_short(item) for item in value]
-    if not isinstance(value, str) or len(value) <= LONG_TEXT:
+    if not isinstance(value, str) or len(value) <= max_letters:
         return value
-    try:  # bytes are base64 in the card
+    try:  # bytes are base64 in the card of a run
         data, what = base64.b64decode(value, validate=True), "bytes"
     except ValueError:
         data, what = value.encode(), "bytes of text"
@@ -179,13 +188,15 @@ def notify(card: RunCard, kind: str, **fields: Any) -> None:
         line.close()
 
 
-def request(card: RunCard, kind: str, **fields: Any) -> bus.ControlMessage:
-    """Ask the launcher of a running graph, and return what it answers.
+def request(
+    card: RunCard, kind: str, *, timeouts: RequestTimeouts = TIMEOUTS, **fields: Any
+) -> bus.ControlMessage:
+    """Send a request to the launcher of a running graph, and return its answer.
 
-    A node that is just being started, or started again, is waited for. Raises ValueError if it
-    refuses, or gives no answer.
+    A node that is starting is waited for. Raises ValueError if the launcher refuses, or gives no
+    answer.
     """
-    deadline = time.monotonic() + REQUEST_PATIENCE
+    deadline = time.monotonic() + timeouts.answer
     with _control_line(card) as line:
         while True:
             line.send(kind, **fields)
@@ -194,11 +205,11 @@ def request(card: RunCard, kind: str, **fields: Any) -> bus.ControlMessage:
             if answer is None:
                 raise ValueError(
                     f"run {card.run[:6]} ({card.name}) gives no answer within "
-                    f"{REQUEST_PATIENCE:g} s; it is busy or stopped"
+                    f"{timeouts.answer:g} s; it is busy or stopped"
                 )
             if answer["kind"] != "not_ready" or time.monotonic() > deadline:
                 break
-            time.sleep(RETRY)
+            time.sleep(timeouts.retry)
     if answer["kind"] in ("refused", "not_ready"):
         raise ValueError(str(answer["text"]))
     return answer
@@ -223,7 +234,7 @@ def control_player(run: str | None, kind: str, **fields: Any) -> None:
     """
     with as_input_errors():
         card = find_run(run)
-        players = [one.name for one in card.nodes if one.module == PLAYER_MODULE]
+        players = [node.name for node in card.nodes if node.module == PLAYER_MODULE]
         if len(players) != 1:
             has = ", ".join(players) or "none"
             who = f"run {card.run[:6]} ({card.name})"
@@ -240,19 +251,21 @@ def publish(
     run: str | None,
     echo: Callable[[str], None],
 ) -> None:
-    """Have the node that publishes a topic publish a message, its fields in YAML.
+    """Ask the publisher of a topic to publish a message, whose fields are in YAML.
 
-    It is published so many times, or until Ctrl-C. InputError if no such graph runs or no node of
-    it publishes the topic, or the body is no such message.
+    `times`: number of messages; None: until Ctrl-C. Raises InputError if no such graph runs, no
+    node of it publishes the topic, or the body is no such message.
     """
     if not rate > 0.0:
         raise InputError(f"--rate must be positive, got {rate:g}")
     with as_input_errors():
         card = find_run(run)
-        found = find_topic(card, topic)
-        if found.name in STATUS_TOPICS:
-            raise ValueError(f"{found.name} is what nodes say of themselves; nothing can be added")
-        cls = type_of(found)
+        target = find_topic(card, topic)
+        if target.name in STATUS_TOPICS:
+            raise ValueError(
+                f"{target.name} is what nodes report of themselves; nothing can be added"
+            )
+        cls = type_of(target)
         fields = parse_yaml(body, "BODY").value
         if not isinstance(fields, dict):
             raise ValueError(f"BODY must be a map of fields in YAML, got {body!r:.60}")
@@ -260,15 +273,15 @@ def publish(
         for number in range(times) if times is not None else count():
             if number:
                 time.sleep(1.0 / rate)
-            request(card, "publish", node=found.publishers[0], topic=found.name, body=data)
-            echo(f"published {cls.__name__} on {found.name}")
+            request(card, "publish", node=target.publishers[0], topic=target.name, body=data)
+            echo(f"published {cls.__name__} on {target.name}")
 
 
 def message_from_plain(cls: type, values: Mapping[str, Any]) -> object:
-    """The message of a type whose fields have these values; lists become arrays.
+    """A message of a type with these values of fields; lists become arrays.
 
-    Raises ValueError if fields are missing or unknown, or a list is no such array. What else may be
-    wrong is found when the message is encoded.
+    Raises ValueError if fields are missing or unknown, or a list is no such array. Other faults are
+    found when the message is encoded.
     """
     hints = get_type_hints(cls, include_extras=True)
     names = [field.name for field in dataclasses.fields(cls)]

@@ -1,8 +1,8 @@
-"""The topics of a running graph, its messages by the taps, how often they come and how late.
+"""The topics of a running graph, copies of their messages, and their rates and delays.
 
-Copies may be lost on the way to a tool, but never hold anybody up. The number and the time that a
-message carries are its publisher's, so a lost one makes no rate wrong; arrival counts for delays
-alone. Printed as by ros2.
+Copies may be lost on the way to a tool, but never delay a node. A message carries the number and
+time of its publisher, so lost copies do not change a rate; only delays depend on the arrival.
+Output is as of ros2.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack
+from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -28,32 +29,39 @@ from palpate.messages import HEADER_SIZE, Header, codec_of, decode, type_of_sche
 from palpate.messages.bus import LAUNCHER, LOG_TOPIC, STATUS_TOPIC, SocketContext, TapReader
 from palpate.messages.types import TYPES, LogRecord, NodeStatus
 
-TAP_DEPTH = 1000  # Most copies that wait for the tool, of each node
-TICK = 0.1  # A tool gets to do something else this often, s
-ALIVE_CHECK = 0.5  # Whether the graph still runs is looked at this often, s
-_BATCH = 256  # Most copies that are taken from one node before it is another's turn
-# Topics on which every node speaks of itself, received by the launcher.
+# Topics on which all nodes report their own state to the launcher.
 STATUS_TOPICS = {STATUS_TOPIC: NodeStatus, LOG_TOPIC: LogRecord}
-PRINT_INTERVAL = 1.0  # Figures are printed this often, s
 Integers = NDArray[np.int64]
-WINDOW = 10_000  # Messages over which a figure is taken, unless the user says otherwise
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TapSettings:
+    """How a tool receives copies of the messages of a graph."""
+
+    queue_length: int = 1000  # copies of a node that wait for the tool
+    batch: int = 256  # copies that are taken from a node before the next node
+    tick: float = 0.1  # [s] between two batches
+    alive_interval: float = 0.5  # [s] between two looks whether the graph still runs
+
+
+TAPS = TapSettings()
 
 
 class TapMessage(NamedTuple):
     """One copy of a message."""
 
     topic: str
-    publisher: str  # Name of the node that sent it
+    publisher: str  # name of the node that sent it
     header: Header
     body: bytes
-    lost: int  # Messages of this publisher and topic sent since the last copy, and not received
-    came_ns: int  # Monotonic clock when the tool took it, ns
+    lost: int  # messages of this publisher and topic that were sent since the last copy, and lost
+    came_ns: int  # monotonic clock when the tool took it [ns]
 
 
 class SequenceTracker:
-    """The order of one publisher's messages on one topic, of which some are missing.
+    """Counts missing messages of one publisher on one topic.
 
-    A publisher that is started again counts `anew`, or goes on after repeating itself.
+    `anew`: whether a restarted publisher counts from 0, else it repeats its messages and continues.
     """
 
     def __init__(self, *, anew: bool) -> None:
@@ -61,7 +69,7 @@ class SequenceTracker:
         self._epoch, self._seq = -1, -1
 
     def place(self, header: Header) -> int | None:
-        """How many messages are missing before this one; None if it is no news."""
+        """Number of messages missing before this one; None if it is a repetition."""
         if header.epoch < self._epoch:
             return None
         if self._seq < 0 or (self._anew and header.epoch > self._epoch):
@@ -74,10 +82,20 @@ class SequenceTracker:
 
 
 class TapSubscription:
-    """Copies of what a running graph publishes, or has `latched` before, on some topics."""
+    """Copies of messages of a running graph on some topics.
 
-    def __init__(self, card: RunCard, topics: Iterable[Topic], *, latched: bool = False) -> None:
-        self._card = card
+    `latched`: whether latched messages from before are received as well.
+    """
+
+    def __init__(
+        self,
+        card: RunCard,
+        topics: Iterable[Topic],
+        *,
+        latched: bool = False,
+        settings: TapSettings = TAPS,
+    ) -> None:
+        self._card, self._settings = card, settings
         self._run = int(card.run, 16)
         self._sockets = SocketContext(card.key)
         self._interrupts = ExitStack()
@@ -86,9 +104,8 @@ class TapSubscription:
         self._readers: dict[zmq.Socket[bytes], tuple[str, TapReader]] = {}
         self._orders: dict[tuple[str, str], SequenceTracker] = {}
         for node, names in taps_of(card, topics).items():
-            reader = TapReader(
-                self._sockets.context, [card.taps[node]], names, TAP_DEPTH, latched=latched
-            )
+            depth, context = settings.queue_length, self._sockets.context
+            reader = TapReader(context, [card.taps[node]], names, depth, latched=latched)
             self._readers[reader.socket] = node, reader
             self._poller.register(reader.socket, zmq.POLLIN)
             for name in names:
@@ -105,27 +122,28 @@ class TapSubscription:
         self._sockets.close()
 
     def batches(
-        self, duration: float | None = None, tick: float = TICK
+        self, duration: float | None = None, tick: float | None = None
     ) -> Iterator[list[TapMessage]]:
-        """What has come, every `tick`, s; ends with the graph, the duration, s, or Ctrl-C."""
+        """New copies, every `tick` [s]; ends with the graph, the `duration` [s], or Ctrl-C."""
         now = time.monotonic()
         until = None if duration is None else now + duration
-        look = now + ALIVE_CHECK
+        tick, interval = tick or self._settings.tick, self._settings.alive_interval
+        look = now + interval
         while (until is None or now < until) and not self._ends():
             yield self.take(tick if until is None else min(tick, until - now))
             now = time.monotonic()
             if now >= look:
-                look = now + ALIVE_CHECK
+                look = now + interval
                 if not is_running(self._card):
                     yield from iter(lambda: self.take(0.0), [])
                     return
 
-    def take(self, patience: float) -> list[TapMessage]:
-        """What has come by now, or comes within the patience, s; no more than some of it."""
+    def take(self, timeout: float) -> list[TapMessage]:
+        """Some copies that have come, or come before the timeout [s]."""
         received = []
-        for socket, _ in self._poller.poll(round(patience * 1000)):
+        for socket, _ in self._poller.poll(round(timeout * 1000)):
             node, reader = self._readers[socket]
-            for topic, header, body in islice(iter(reader.receive, None), _BATCH):
+            for topic, header, body in islice(iter(reader.receive, None), self._settings.batch):
                 order = self._orders.get((node, topic))
                 lost = order.place(header) if order and header.run == self._run else None
                 if lost is not None:
@@ -135,61 +153,61 @@ class TapSubscription:
 
 
 def taps_of(card: RunCard, topics: Iterable[Topic]) -> dict[str, list[str]]:
-    """Node to those of the topics that its tap carries."""
-    found: dict[str, list[str]] = {}
+    """Names of topics by the node that publishes them."""
+    by_node: dict[str, list[str]] = {}
     for topic in topics:
         for publisher in topic.publishers:
-            found.setdefault(publisher, []).append(topic.name)
-    return found
+            by_node.setdefault(publisher, []).append(topic.name)
+    return by_node
 
 
 def is_running(card: RunCard) -> bool:
-    """Whether a graph still runs; on one machine its sockets lie where its card does."""
+    """Whether a graph still runs; on one machine its sockets are in the folder of its card."""
     local = card.tools.startswith("ipc://")
     home = Path(card.tools.removeprefix("ipc://")).parent.parent if local else None
-    return any(one.run == card.run for one in running_graphs(home))
+    return any(running.run == card.run for running in running_graphs(home))
 
 
 class Topic(NamedTuple):
     """One topic of a running graph."""
 
-    name: str  # As it is on the wire
-    type: str  # Name of its message type; empty if the graph does not say
-    publishers: tuple[str, ...]  # Who publish it: one, or all where nodes speak of themselves
-    subscribers: tuple[str, ...]  # The nodes that receive it
-    schema: str = ""  # JSON schema of a type that palpate does not have, if the graph tells it
+    name: str  # as on the wire
+    type: str  # name of its message type; empty if unknown
+    publishers: tuple[str, ...]  # one node, or all nodes for a topic of `STATUS_TOPICS`
+    subscribers: tuple[str, ...]
+    schema: str = ""  # JSON schema of a type that palpate does not have, if known
 
 
 def topics_of(card: RunCard) -> dict[str, Topic]:
     """The topics of a running graph by name, sorted."""
-    schemas, found = card.schemas, dict[str, Topic]()
+    schemas, topics = card.schemas, dict[str, Topic]()
     for name, publisher in card.publishers.items():
         kind, to = card.topics.get(name, ""), card.subscribers(name)
-        found[name] = Topic(name, kind, (publisher,), to, schemas.get(kind, ""))
-    everybody = tuple(one.name for one in card.nodes)
+        topics[name] = Topic(name, kind, (publisher,), to, schemas.get(kind, ""))
+    all_nodes = tuple(node.name for node in card.nodes)
     for name, cls in STATUS_TOPICS.items():
-        found[name] = Topic(name, cls.__name__, everybody, (LAUNCHER,))
-    return dict(sorted(found.items()))
+        topics[name] = Topic(name, cls.__name__, all_nodes, (LAUNCHER,))
+    return dict(sorted(topics.items()))
 
 
 def find_topics(card: RunCard, names: Sequence[str]) -> list[Topic]:
-    """The topics of these names, each once; raises ValueError if nobody publishes one of them."""
+    """Topics by name, each once; raises ValueError if a topic has no publisher."""
     return list(dict.fromkeys(find_topic(card, name) for name in names))
 
 
 def find_topic(card: RunCard, name: str) -> Topic:
-    """The topic of this name, whose slash may lack; raises ValueError if nobody publishes it."""
+    """A topic by name, with or without a slash; raises ValueError if it has no publisher."""
     known = topics_of(card)
     wanted = name if name.startswith("/") else f"/{name}"
     if wanted not in known:
-        raise ValueError(f"nobody publishes {wanted}; {hint(wanted, known)}")
+        raise ValueError(f"no node publishes {wanted}; {hint(wanted, known)}")
     return known[wanted]
 
 
 def type_of(topic: Topic) -> type:
-    """The message type of a topic, palpate's own or made from the schema that its graph tells.
+    """The message type of a topic, of palpate or made from the schema in its graph.
 
-    Raises ValueError if it is not known here, or the schema is none of a message type.
+    Raises ValueError if it is unknown here, or the schema is not that of a message type.
     """
     if topic.type not in TYPES and topic.schema:
         return type_of_schema(topic.schema)
@@ -211,9 +229,9 @@ def message_of(topic: Topic, header: Header, body: bytes) -> Any:
 
 
 class RateMonitor:
-    """Figures of some topics, each publisher by itself, over so many messages.
+    """Prints figures of some topics, for each publisher, over a window of messages.
 
-    Without `say` all of them are printed as one object of JSON a line.
+    Without `say` all figures are printed, as one JSON object a line. `interval` between prints [s].
     """
 
     def __init__(
@@ -222,52 +240,54 @@ class RateMonitor:
         window: int,
         say: RateText | None,
         echo: Callable[[str], None],
+        interval: float = 1.0,
     ) -> None:
-        self._say, self._echo = say, echo
-        self._rates = {(one.name, node): Rates(window) for one in topics for node in one.publishers}
+        self._say, self._echo, self._interval = say, echo, interval
+        pairs = [(topic.name, node) for topic in topics for node in topic.publishers]
+        self._rates = {pair: Rates(window) for pair in pairs}
         self._several = len(topics) > 1
-        self._crowds = {one.name for one in topics if len(one.publishers) > 1}
+        self._shared = {topic.name for topic in topics if len(topic.publishers) > 1}
         self._printed: dict[tuple[str, str], int] = {}
 
     def run(self, card: RunCard, topics: Sequence[Topic], duration: float | None) -> None:
         """Measure until the graph ends, the time is over, or Ctrl-C."""
         with TapSubscription(card, topics) as taps:
-            due = time.monotonic() + PRINT_INTERVAL
+            due = time.monotonic() + self._interval
             for batch in taps.batches(duration):
                 for received in batch:
                     self._rates[received.topic, received.publisher].add(received)
                 if time.monotonic() >= due:
-                    due += PRINT_INTERVAL
+                    due += self._interval
                     self.print(last=False)
         self.print(last=True)
 
     def print(self, *, last: bool) -> None:
-        """Say what is new, and of what nothing comes; at the last only what was not printed."""
+        """Print new figures, and topics without messages; at the `last` call only new ones."""
         for (topic, node), rates in self._rates.items():
-            news = rates.last != self._printed.get((topic, node))
-            label = f"{topic} of {node}" if topic in self._crowds else topic
-            text = self._say(rates) if self._say and news else None
+            is_new = rates.last != self._printed.get((topic, node))
+            label = f"{topic} of {node}" if topic in self._shared else topic
+            text = self._say(rates) if self._say and is_new else None
             self._printed[topic, node] = rates.last
             if self._say is None:
-                if news or not last:
+                if is_new or not last:
                     self._echo(json.dumps({"topic": topic, "publisher": node, **rates.figures()}))
             elif text is not None:
-                self._echo(f"{label}\n{text}" if self._several or self._crowds else text)
-            elif not rates.received and (news or not last):
+                self._echo(f"{label}\n{text}" if self._several or self._shared else text)
+            elif not rates.received and (is_new or not last):
                 self._echo(f"no messages on {label}")
-            elif news:
+            elif is_new:
                 self._echo(f"only one message on {label}")
             elif not last:
                 self._echo(f"no new messages on {label}")
 
 
 class Statistics(NamedTuple):
-    """What at least one figure is like."""
+    """Statistics of at least one value."""
 
     mean: float
     least: float
     most: float
-    deviation: float  # Standard deviation
+    deviation: float  # standard deviation
 
     @classmethod
     def of(cls, values: Floats) -> Statistics:
@@ -278,16 +298,16 @@ class Statistics(NamedTuple):
 class Rates:
     """The last messages of one publisher on one topic: `window` at most, at least 2."""
 
-    def __init__(self, window: int = WINDOW) -> None:
-        self.last = -1  # Number of the latest message; -1 before the first
-        # Of each its number, when it was sent and when it came, ns, and its size, bytes.
+    def __init__(self, window: int) -> None:
+        self.last = -1  # number of the latest message; -1 before the first
+        # Number, times of sending and arrival [ns], and size [bytes] of each message.
         self._kept: deque[tuple[int, int, int, int]] = deque(maxlen=window)
 
     def add(self, received: TapMessage) -> None:
-        """Take note of a message; they come in the order of their numbers."""
+        """Add a message; messages come in the order of their numbers."""
         header = received.header
         if header.seq <= self.last:
-            # A node that was started again counts what it publishes of itself from 0 once more.
+            # A restarted node counts its status messages from 0 again.
             self._kept.clear()
         self.last = header.seq
         size = len(received.topic.encode()) + 1 + HEADER_SIZE + len(received.body)
@@ -295,42 +315,42 @@ class Rates:
 
     @property
     def received(self) -> int:
-        """Messages in the window."""
+        """Number of received messages in the window."""
         return len(self._kept)
 
     @property
     def sent(self) -> int:
-        """Messages that were sent within the window, received or not."""
+        """Number of messages sent in the window, received or not."""
         return self._kept[-1][0] - self._kept[0][0] + 1 if self._kept else 0
 
     def rate(self) -> float | None:
-        """Messages a second, received or not; None of fewer than two."""
+        """Messages per second, received or not; None with fewer than two."""
         if self.received < 2:
             return None
         return (self.sent - 1) / (1e-9 * (self._kept[-1][1] - self._kept[0][1]))
 
     def periods(self) -> Statistics | None:
-        """Times between neighbouring messages, s; None if no two neighbours were received."""
+        """Times between neighbouring messages [s]; None if no two neighbours were received."""
         steps = np.diff(self._columns()[:2])
         next_to = steps[0] == 1
         return Statistics.of(1e-9 * steps[1, next_to]) if next_to.any() else None
 
     def sizes(self) -> Statistics | None:
-        """Sizes of the frames on the wire, bytes; None before the first."""
+        """Sizes of the frames on the wire [bytes]; None before the first."""
         return Statistics.of(self._columns()[3].astype(float)) if self._kept else None
 
     def delays(self) -> Statistics | None:
-        """Times from sending to the tool's taking, s; None before the first."""
+        """Times from sending to arrival [s]; None before the first."""
         _, sent, came, _ = self._columns()
         return Statistics.of(1e-9 * (came - sent)) if self._kept else None
 
     def bandwidth(self) -> float | None:
-        """Bytes a second, what was not received taken for as large as the rest; or None."""
+        """Bytes per second, assuming lost messages of mean size; None with fewer than two."""
         rate, sizes = self.rate(), self.sizes()
         return None if rate is None or sizes is None else rate * sizes.mean
 
     def figures(self) -> dict[str, Any]:
-        """All that is known, ready for JSON."""
+        """All figures as JSON values."""
         periods, sizes, delays = self.periods(), self.sizes(), self.delays()
         return {
             "messages": self.received,
@@ -346,7 +366,7 @@ class Rates:
 
 
 def rate_text(rates: Rates) -> str | None:
-    """How often it sends."""
+    """Text of the rate of a publisher."""
     rate, periods = rates.rate(), rates.periods()
     if rate is None:
         return None
@@ -355,7 +375,7 @@ def rate_text(rates: Rates) -> str | None:
 
 
 def bandwidth_text(rates: Rates) -> str | None:
-    """How much it sends."""
+    """Text of the bandwidth of a publisher."""
     bandwidth, sizes = rates.bandwidth(), rates.sizes()
     if bandwidth is None or sizes is None:
         return None
@@ -374,7 +394,7 @@ def _bytes(size: float) -> str:
 
 
 def delay_text(rates: Rates) -> str | None:
-    """How long its messages are on their way to the tool."""
+    """Text of the delays of a publisher."""
     if (delays := rates.delays()) is None:
         return None
     return f"average delay: {delays.mean:.6f}\n\t{_times(delays, rates)}"
@@ -390,4 +410,4 @@ def _window(rates: Rates) -> str:
     return f"window: {rates.received}" + (f" ({missed} sent, but not received)" if missed else "")
 
 
-RateText = Callable[[Rates], str | None]  # Lines about one publisher; None if too little has come
+RateText = Callable[[Rates], str | None]  # lines about a publisher; None with too few messages

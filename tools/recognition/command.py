@@ -17,25 +17,23 @@ from palpate.tools.cli.command_line import (
 )
 
 
-@click.command(
-    "recognise", short_help="Say which of the stored objects a run has touched, or none."
-)
+@click.command("recognise", short_help="Recognise the object of a run among stored objects.")
 @click.argument("run", **RUN_PATH)
 @unit_option("Unit of a mesh file.")
-@click.option("--objects", type=PATH, help="YAML file of the objects that it may be.")
+@click.option("--objects", type=PATH, help="YAML file of stored objects.")
 @JSON
 @quiet_option("Show no progress.")
 def recognise_command(
     run: Path, unit: str | None, objects: Path | None, as_json: bool, quiet: bool
 ) -> int:
-    """Say which of the stored objects RUN has touched, how surely, or that it is none of them.
+    """Recognise the object of RUN among the stored objects, with its probability, or none of them.
 
     RUN is a run directory, or a PLY, STL, OBJ, OFF or GLB file with a closed surface, in any pose.
-    Exits with 1 if it is none of them.
+    Exits with 1 if it is none of the stored objects.
     """
     from palpate.tools.recognition.recognising import recognise, recognition_text
 
     say = progress_printer(not quiet, "{} ...")
-    found = recognise(run, unit=unit, objects=objects, say=say)
-    print_figures(found, recognition_text(found), as_json=as_json)
-    return 0 if found["recognised"] else 1
+    record = recognise(run, unit=unit, objects=objects, say=say)
+    print_figures(record, recognition_text(record), as_json=as_json)
+    return 0 if record["recognised"] else 1

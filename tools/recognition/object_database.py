@@ -1,14 +1,15 @@
-"""The objects that palpate recognises: a YAML file of them, and what is learned of each.
+"""The objects that palpate recognises: a YAML file of objects, and the learned models of them.
 
-Each object stands in the file as in a scene, with a title. Learned numbers stand beside it, in
-``NAME_learned.yaml``, with a fingerprint of the objects that they are of: whoever changes an object
-learns again, which takes some seconds an object and gives the same numbers each time.
+The file describes each object as in a scene, with a title. Learned numbers are kept in
+``NAME_learned.yaml`` beside it, with a fingerprint of the objects. If an object is changed, all are
+learned again, which takes some seconds for each object and gives the same numbers each time.
 """
 
 from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
@@ -23,19 +24,27 @@ from palpate.launch.files.source_map import InputError, SourceMapped
 from palpate.launch.files.yaml_file import convert, read_yaml
 from palpate.nodes.specs.objects import ObjectSpec, build_shape, encode_mesh
 
-OBJECTS = Path(__file__).parent / "objects.yaml"  # The objects that come with palpate
-MAX_DATABASE_VALUES = 40_000  # Some hundred objects, or what is learned of as many
-LEVELS = (4, 5)  # Of the meshes that copies are taken of, in turns
-COPIES = 12  # Of each object
-DIGITS = 5  # Significant digits of what is learned
-Values = str  # Numbers between blanks: one value for YAML, which takes 30 us for each
+OBJECTS = Path(__file__).parent / "objects.yaml"  # the objects of palpate
+MAX_DATABASE_VALUES = 40_000  # in a file: of about a hundred objects, or their learned models
+Values = str  # numbers separated by blanks: one value for YAML, which takes 30 us for each
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LearningSettings:
+    """Copies of an object from which the distribution of its features is learned."""
+
+    levels: tuple[int, ...] = (4, 5)  # of the meshes of copies, in turns
+    n_copies: int = 12  # of each object
+
+
+DEFAULT_LEARNING = LearningSettings()
 
 
 class ObjectEntry(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """One object of the file."""
 
-    title: Annotated[str, Meta(min_length=1, max_length=100)]  # What people call it
-    object: ObjectSpec  # As in a scene
+    title: Annotated[str, Meta(min_length=1, max_length=100)]  # for people
+    object: ObjectSpec  # as in a scene
 
 
 class ObjectDatabase(NamedTuple):
@@ -45,42 +54,45 @@ class ObjectDatabase(NamedTuple):
     entries: Mapping[str, ObjectEntry]
 
     def fingerprint(self) -> str:
-        """SHA-256 of the objects, and of which features are learned of them."""
-        told = [one.name for one in recognition.FEATURES], _given(to_builtins(dict(self.entries)))
-        return hashlib.sha256(msgspec.json.encode(told)).hexdigest()
+        """SHA-256 of the objects and of the names of the features."""
+        names = [feature.name for feature in recognition.FEATURES]
+        described = names, _stated(to_builtins(dict(self.entries)))
+        return hashlib.sha256(msgspec.json.encode(described)).hexdigest()
 
 
-def _given(told: Any) -> Any:
-    """A description without the keys that it leaves open: kinds that come later change nothing."""
-    if isinstance(told, dict):
-        return {key: _given(value) for key, value in told.items() if value is not None}
-    return [_given(value) for value in told] if isinstance(told, list | tuple) else told
+def _stated(description: Any) -> Any:
+    """A description without keys of None, so that later kinds of objects change no fingerprint."""
+    if isinstance(description, dict):
+        return {key: _stated(value) for key, value in description.items() if value is not None}
+    if isinstance(description, list | tuple):
+        return [*map(_stated, description)]
+    return description
 
 
 def load_objects(path: Path = OBJECTS) -> ObjectDatabase:
-    """The objects in a file; InputError names file, line, key and value."""
-    given = read_yaml(path, MAX_DATABASE_VALUES)
-    unknown = [key for key in given.value if key != "objects"]
-    if unknown or not isinstance(given.value.get("objects"), dict):
+    """The objects in a file; raises InputError with file, line, key and value."""
+    source = read_yaml(path, MAX_DATABASE_VALUES)
+    unknown = [key for key in source.value if key != "objects"]
+    if unknown or not isinstance(source.value.get("objects"), dict):
         where = (unknown[0],) if unknown else ()
-        raise given.error(where, "must be a map named objects, from names to title and object")
+        raise source.error(where, "must be a map named objects, from names to title and object")
     entries = {}
-    for name in given.value["objects"]:
+    for name in source.value["objects"]:
         if name == recognition.NONE:
-            raise given.error(("objects", name), f"no object can be named {name!r}")
-        part = _with_mesh(given.part(("objects", name)), path, name)
+            raise source.error(("objects", name), f"no object can be named {name!r}")
+        part = _with_mesh(source.part(("objects", name)), path, name)
         entries[name] = convert(part, ObjectEntry, f"objects.{name}")
     if not entries:
-        raise given.error(("objects",), "objects must hold at least one object")
+        raise source.error(("objects",), "objects must hold at least one object")
     return ObjectDatabase(path, entries)
 
 
-def _with_mesh(given: SourceMapped, path: Path, name: str) -> SourceMapped:
-    """An object's description with the mesh file that it names read into it."""
+def _with_mesh(described: SourceMapped, path: Path, name: str) -> SourceMapped:
+    """The description of an object, with the contents of its mesh file."""
     try:
-        part = given.part(("object", "mesh"))
+        part = described.part(("object", "mesh"))
     except (KeyError, TypeError):
-        return given
+        return described
     where = f"objects.{name}.object.mesh"
     mesh = convert(part, MeshFile, where)
     try:
@@ -89,12 +101,12 @@ def _with_mesh(given: SourceMapped, path: Path, name: str) -> SourceMapped:
     except ValueError as error:
         raise part.error(("file",), str(error)) from None
     data = to_builtins(encode_mesh(vertices, faces), builtin_types=(bytes,))
-    kept = {**given.value["object"], "mesh": data}
-    return SourceMapped({**given.value, "object": kept}, given.source, given.places)
+    kept = {**described.value["object"], "mesh": data}
+    return SourceMapped({**described.value, "object": kept}, described.source, described.places)
 
 
 class LearnedObject(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """How one object's features are distributed."""
+    """Distribution of the features of an object."""
 
     means: Values
     deviations: Values
@@ -102,82 +114,88 @@ class LearnedObject(Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
 
 
 class LearnedFile(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What is learned of all objects of a file."""
+    """Learned models of all objects of a file."""
 
-    fingerprint: str  # Of the objects
+    fingerprint: str  # of the objects
     scale: Annotated[float, Meta(gt=0)]
     freedom: Annotated[float, Meta(gt=0)]
-    correlation: tuple[Values, ...]  # Rows of the lower triangle
+    correlation: tuple[Values, ...]  # rows of the lower triangle
     objects: dict[str, LearnedObject]
 
 
 def learned_path(path: Path) -> Path:
-    """Where what is learned of the objects in a file is kept."""
+    """Path of the learned models of the objects in a file."""
     return path.with_name(f"{path.stem}_learned.yaml")
 
 
 def load_models(database: ObjectDatabase) -> recognition.ObjectModels | None:
-    """What was learned of the objects; None if nothing was, or of other objects."""
+    """Learned models of the objects; None if there are none, or they are of other objects."""
     path = learned_path(database.path)
     if not path.is_file():
         return None
-    found = convert(read_yaml(path, MAX_DATABASE_VALUES), LearnedFile)
-    if found.fingerprint != database.fingerprint():
+    learned = convert(read_yaml(path, MAX_DATABASE_VALUES), LearnedFile)
+    if learned.fingerprint != database.fingerprint():
         return None
     names, count = tuple(database.entries), len(recognition.FEATURES)
     try:
-        rows = [found.objects[name] for name in names]
+        rows = [learned.objects[name] for name in names]
         means, deviations, slopes = (
             np.array([getattr(row, key).split() for row in rows], np.float64)
             for key in LearnedObject.__struct_fields__
         )
         correlation = np.zeros((count, count))
-        correlation[np.tril_indices(count)] = " ".join(found.correlation).split()
+        correlation[np.tril_indices(count)] = " ".join(learned.correlation).split()
         np.stack([means, deviations, slopes]).reshape(3, len(names), count)
     except (KeyError, ValueError):
         raise InputError(f"{path}: is damaged; remove it, and it is learned again") from None
     correlation = correlation + np.tril(correlation, -1).T
-    fit = found.scale, found.freedom
+    fit = learned.scale, learned.freedom
     return recognition.ObjectModels(names, means, deviations, correlation, slopes, *fit)
 
 
 def learn_models(
-    database: ObjectDatabase, say: Callable[[str], object] = lambda name: None
+    database: ObjectDatabase,
+    say: Callable[[str], object] = lambda name: None,
+    settings: LearningSettings = DEFAULT_LEARNING,
 ) -> recognition.ObjectModels:
-    """Learn how the features of all objects are distributed; `say` is told each one's name."""
+    """Learn the distribution of the features of all objects; `say` is called with each name."""
     scatters = {}
     for name in database.entries:
         say(name)
-        scatters[name] = learn_object(database, name)
+        scatters[name] = learn_object(database, name, settings)
     return recognition.object_models(scatters)
 
 
-def learn_object(database: ObjectDatabase, name: str) -> recognition.Scatter:
-    """The features of an object's copies; the same numbers each time."""
+def learn_object(
+    database: ObjectDatabase, name: str, settings: LearningSettings = DEFAULT_LEARNING
+) -> recognition.Scatter:
+    """Features of copies of an object; the same numbers each time."""
     shape = build_shape(database.entries[name].object)
-    meshes = [shape.mesh(level) for level in LEVELS]
-    return recognition.learn_scatter(meshes, COPIES, seed=sum(map(ord, name)))
+    meshes = [shape.mesh(level) for level in settings.levels]
+    return recognition.learn_scatter(meshes, settings.n_copies, seed=sum(map(ord, name)))
 
 
-def write_models(database: ObjectDatabase, models: recognition.ObjectModels) -> Path:
-    """Write what was learned beside the objects, whole or not at all; returns where."""
+def write_models(
+    database: ObjectDatabase, models: recognition.ObjectModels, digits: int = 5
+) -> Path:
+    """Write learned models beside the objects, with significant digits; returns the path."""
     lines = [
         "# Learned of the objects; remove this file to learn again.",
         f"fingerprint: {database.fingerprint()}",
-        f"scale: {models.scale:.{DIGITS}g}",
-        f"freedom: {models.freedom:.{DIGITS}g}",
+        f"scale: {models.scale:.{digits}g}",
+        f"freedom: {models.freedom:.{digits}g}",
         "correlation:",
-        *(f"  - '{_row(one[: i + 1])}'" for i, one in enumerate(models.correlation)),
+        *(f"  - '{_row(row[: i + 1], digits)}'" for i, row in enumerate(models.correlation)),
         "objects:",
     ]
     for i, name in enumerate(models.names):
-        keys = LearnedObject.__struct_fields__
-        lines += [f"  {name}:", *(f"    {key}: {_row(getattr(models, key)[i])}" for key in keys)]
+        rows = ((key, getattr(models, key)[i]) for key in LearnedObject.__struct_fields__)
+        lines += [f"  {name}:", *(f"    {key}: {_row(row, digits)}" for key, row in rows)]
     path = learned_path(database.path)
     text = "\n".join(lines) + "\n"
     write_atomically({path: lambda part: part.write_text(text, encoding="utf-8")})
     return path
 
 
-def _row(values: Any) -> str:
-    return " ".join(f"{float(value):.{DIGITS}g}" for value in values)
+def _row(values: Any, digits: int) -> str:
+    return " ".join(f"{float(value):.{digits}g}" for value in values)

@@ -1,4 +1,4 @@
-"""Recorded messages beside those published now: what has changed, field by field."""
+"""Differences between recorded messages and messages published now, field by field."""
 
 from __future__ import annotations
 
@@ -12,61 +12,60 @@ import numpy as np
 
 from palpate.messages import CodecError, decode, first_difference, schema, shortened
 
-# What is not measured but counted: arrays of another shape, tables with other keys, elements of a
-# mask, texts and the like, and bodies that differ though their values do not.
+# Changes that are counted instead of measured: arrays of another shape, tables with other keys,
+# elements of a mask, texts and the like, and bodies that differ with equal values.
 ChangeKind = Literal["shape", "keys", "element", "value", "byte"]
-POSE_UNITS = {"m, 1": ("m",) * 3 + ("1",) * 4}  # Of single numbers, where a field names fewer
+POSE_UNITS = {"m, 1": ("m",) * 3 + ("1",) * 4}  # units of single numbers, where a field names fewer
 
 
 class TopicComparison:
-    """The messages of one topic; those that wait for their counterpart are held."""
+    """Compares the messages of one topic; holds those that wait for their counterpart."""
 
     def __init__(self, topic: str, cls: type) -> None:
         self.topic = topic
-        self.compared = self.differ = 0  # Messages that were compared, and of them that differ
-        # Messages that were recorded, but are not published now, and the other way round.
+        self.compared = self.differ = 0  # numbers of compared messages, and of those that differ
+        # Numbers of messages that were only recorded, and that are only published now.
         self.fewer = self.more = 0
-        self.changes = TopicChanges(cls)  # Field by field
-        self.first = ""  # The first difference, in words; empty as long as there is none
+        self.changes = TopicChanges(cls)  # field by field
+        self.first = ""  # the first difference, in words; empty without one
         self._cls = cls
         self._then, self._now = deque[bytes](), deque[bytes]()
-        self._silent, self._unsaid = False, 0
+        self._silent, self._unpublished = False, 0
 
     def recorded(self, body: bytes) -> None:
-        """Take the next message that was recorded."""
+        """Take the next recorded message."""
         self._then.append(body)
         self._compare()
         if self._silent:
             self.fall_silent()
 
     def add_published(self, body: bytes) -> None:
-        """Take the next message that is published now."""
+        """Take the next message published now."""
         self._now.append(body)
         self._compare()
 
     def fall_silent(self) -> None:
-        """Nothing is published any more: what was recorded is counted, but not held."""
+        """Count recorded messages from now on without holding them: no more are published."""
         self._silent = True
-        self._unsaid += len(self._then)
+        self._unpublished += len(self._then)
         self._then.clear()
 
     def end(self, *, closed: bool) -> None:
-        """Count what one side published and the other did not, if all was recorded."""
+        """Count messages without counterpart, if the recording is complete."""
         if not closed:
             return
-        self.fewer, self.more = self._unsaid + len(self._then), len(self._now)
+        self.fewer, self.more = self._unpublished + len(self._then), len(self._now)
         if not self.first and (self.fewer or self.more):
-            how = (
-                "recorded, but not published again"
-                if self.fewer
-                else "published now, but not recorded"
-            )
-            self.first = f"{self.topic} {self.compared}: {how}"
+            fewer, more = "recorded, but not published again", "published now, but not recorded"
+            self.first = f"{self.topic} {self.compared}: {fewer if self.fewer else more}"
 
     def figures(self) -> dict[str, Any]:
-        """What was counted, and the changes, ready for JSON."""
+        """Counts and changes as JSON values."""
         counts = {name: getattr(self, name) for name in ("compared", "differ", "fewer", "more")}
-        return {**counts, "fields": {k: one.figures() for k, one in self.changes.fields.items()}}
+        return {
+            **counts,
+            "fields": {k: change.figures() for k, change in self.changes.fields.items()},
+        }
 
     def _compare(self) -> None:
         if not (self._then and self._now):
@@ -77,35 +76,35 @@ class TopicComparison:
             return
         self.differ += 1
         self.changes.add(seq, then, now)
-        found = None if self.first else first_difference(self._cls, then, now)
-        if found is not None:
-            field, before, after = found
+        difference = None if self.first else first_difference(self._cls, then, now)
+        if difference is not None:
+            field, before, after = difference
             self.first = f"{self.topic} {seq} {field}: recorded {before}, now {after}"
 
 
 @dataclasses.dataclass(slots=True)
 class ChangeNote:
-    """Changes that have no size."""
+    """Changes without a size."""
 
-    count: int  # How many
-    then: str  # Before the first of them
-    now: str  # After it
+    count: int
+    then: str  # before the first of them
+    now: str  # after it
 
 
 @dataclasses.dataclass(slots=True)
 class FieldChange:
-    """What has become of one field of a topic's messages.
+    """Changes of one field of the messages of a topic.
 
-    Numbers are measured over all numbers of the field in the messages in which it differs.
+    Sizes are over all numbers of the field in the messages in which it differs.
     """
 
-    unit: str  # Unit of the numbers; empty if it is no quantity
-    first: int  # Sequence of the first message in which it differs
-    differ: int = 0  # Messages in which it differs
-    numbers: int = 0  # Numbers that were measured
-    largest: float = 0.0  # The largest absolute change of a number
-    squares: float = 0.0  # Sum of the squared changes
-    # What was counted.
+    unit: str  # of the numbers; empty if the field is no quantity
+    first: int  # sequence number of the first message in which the field differs
+    differ: int = 0  # messages in which the field differs
+    numbers: int = 0  # measured numbers
+    largest: float = 0.0  # absolute change of a number
+    squares: float = 0.0  # sum of the squared changes
+    # Changes without a size.
     notes: dict[ChangeKind, ChangeNote] = dataclasses.field(default_factory=dict)
 
     @property
@@ -114,7 +113,7 @@ class FieldChange:
         return math.sqrt(self.squares / self.numbers) if self.numbers else 0.0
 
     def figures(self) -> dict[str, Any]:
-        """The same, ready for JSON."""
+        """The changes as JSON values."""
         sizes = (self.largest, self.rms) if self.numbers else (math.nan, math.nan)
         largest, rms = (size if math.isfinite(size) else None for size in sizes)
         notes = {kind: dataclasses.asdict(note) for kind, note in self.notes.items()}
@@ -122,37 +121,37 @@ class FieldChange:
         return {**counts, "largest": largest, "rms": rms, "notes": notes}
 
     def measure(self, then: Any, now: Any) -> None:
-        """Take up a number, or an array of numbers, that differs."""
-        with np.errstate(over="ignore"):  # beyond all floats it is infinite, and shown like that
+        """Add a number, or an array of numbers, that differs."""
+        with np.errstate(over="ignore"):  # a change beyond all floats is infinite
             change = np.asarray(now, np.float64) - np.asarray(then, np.float64)
             self.squares += float(np.square(change).sum())
         self.numbers += change.size
         self.largest = max(self.largest, float(np.abs(change).max()))
 
     def note(self, kind: ChangeKind, count: int, then: str, now: str) -> None:
-        """Take up changes that have no size."""
+        """Add changes without a size."""
         self.notes.setdefault(kind, ChangeNote(0, then, now)).count += count
 
 
 class TopicChanges:
-    """The changes of one topic's messages."""
+    """Changes of the messages of one topic."""
 
     def __init__(self, cls: type) -> None:
         self._cls = cls
         self._fields: dict[str, FieldChange] = {}
-        self._units = {name: _unit(one) for name, one in schema(cls)["properties"].items()}
+        self._units = {name: _unit(rule) for name, rule in schema(cls)["properties"].items()}
         self._seq = 0
         self._touched: set[str] = set()
 
     @property
     def fields(self) -> dict[str, FieldChange]:
-        """In the order of the type; a field by its parts if these have different units."""
+        """Changes by field, in the order of the type; parts with different units are separate."""
         order = ["bytes", *self._units]
         names = sorted(self._fields, key=lambda name: order.index(name.partition("[")[0]))
         return {name: self._fields[name] for name in names}
 
     def add(self, seq: int, then: bytes, now: bytes) -> None:
-        """Take up two bodies that differ; they are the message `seq` then and now."""
+        """Add two bodies that differ: of the message `seq` then and now."""
         self._seq, self._touched = seq, set()
         try:
             before: Any = decode(self._cls, then)
@@ -187,10 +186,10 @@ class TopicChanges:
                 continue
             if then.dtype.kind in "fi":
                 self._change(name + part, unit).measure(before, after)
-            else:  # a mask, or bytes that mean something only to who packed them
-                other = before != after
-                first = (shortened(one[other][0].item()) for one in (before, after))
-                self._change(name + part).note("element", int(other.sum()), *first)
+            else:  # a mask, or packed bytes
+                changed = before != after
+                first = (shortened(values[changed][0].item()) for values in (before, after))
+                self._change(name + part).note("element", int(changed.sum()), *first)
 
     def _compare_tables(self, name: str, then: dict[str, float], now: dict[str, float]) -> None:
         if then.keys() != now.keys():
@@ -201,7 +200,7 @@ class TopicChanges:
                 self._change(f"{name}[{key!r}]").measure(then[key], now[key])
 
     def _change(self, field: str, unit: str = "") -> FieldChange:
-        """The change of a field, in which the message differs."""
+        """The change of a field in which the current message differs."""
         change = self._fields.setdefault(field, FieldChange(unit, self._seq))
         change.unit = change.unit or unit
         change.differ += field not in self._touched
@@ -210,7 +209,7 @@ class TopicChanges:
 
 
 def _unit(described: dict[str, Any]) -> str:
-    """The unit in the schema of a field, which may be one that can be null."""
+    """The unit in the schema of a field, also of one that can be null."""
     unit: str = described.get("unit") or described.get("anyOf", [{}])[0].get("unit", "")
     return unit
 
@@ -220,7 +219,7 @@ def _is_number(value: Any) -> bool:
 
 
 def _parts(unit: str, shape: tuple[int, ...]) -> Iterator[tuple[str, slice, str]]:
-    """Stretches of an array with one unit each, and what is put behind the field's name."""
+    """Parts of an array with one unit each: suffix of the field's name, slice and unit."""
     units = POSE_UNITS.get(unit, tuple(unit.split(", ")))
     if len(units) == 1 or (len(units),) != shape:
         yield "", slice(None), unit

@@ -1,8 +1,8 @@
 """Replayed nodes, and the messages between them: recorded ones, and those published now.
 
-The k-th message that a replayed node publishes on a topic is handed over in place of the k-th that
-was recorded of it. If it publishes fewer, its subscribers receive no more; if it publishes more,
-they receive the rest after all that was recorded.
+The k-th message that a replayed node publishes on a topic replaces the k-th that it published when
+recorded. If it publishes fewer, its subscribers receive fewer; if it publishes more, they receive
+the rest after all recorded messages.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import count
+from operator import itemgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -33,11 +34,11 @@ from palpate.nodes.runtime.node import (
 from palpate.nodes.runtime.work import ContractError, NodeWork, Outgoing
 from palpate.tools.replay.comparison import TopicComparison
 
-OWN_PACKAGE = "palpate."  # Others' modules are imported only if the user names the node
+OWN_PACKAGE = "palpate."  # other modules are imported only if the user names the node
 
 
 class Shortage(NamedTuple):
-    """A topic of which replayed nodes received fewer or more messages than had been recorded."""
+    """A topic of which replayed nodes received fewer or more messages than recorded."""
 
     topic: str
     publisher: str
@@ -51,15 +52,15 @@ class _Link:
     """A topic that a replayed node publishes and replayed nodes receive."""
 
     publisher: str
-    # Published before their place has come; numbered in the order of publishing.
+    # Messages published before their turn, numbered in the order of publishing.
     waiting: deque[tuple[int, Outgoing]] = field(default_factory=deque)
-    owed: int = 0  # Places that have come before their messages were published
+    owed: int = 0  # turns that came before their messages were published
     received: int = 0
-    more: int = 0  # Messages received after all that was recorded
+    more: int = 0  # messages received after all recorded ones
 
 
 class MessageExchange:
-    """Replayed nodes, and what is under way between them."""
+    """Replayed nodes, and the messages between them."""
 
     def __init__(self, players: Sequence[ReplayedNode]) -> None:
         self._players = players
@@ -86,7 +87,7 @@ class MessageExchange:
             self._take(player.begin())
 
     def receive(self, kept: RecordedMessage) -> None:
-        """Take the next recorded message; ValueError if it is of another version than the nodes."""
+        """Take the next recorded message; raises ValueError if it is of another version."""
         for player in self._players:
             player.check(kept)
             player.record_published(kept)
@@ -104,18 +105,18 @@ class MessageExchange:
         self._deliver()
 
     def end(self) -> None:
-        """Hand over what was published beyond the recorded, until all is quiet."""
+        """Hand over messages published beyond the recorded ones, until there are no more."""
         self._ended = True
-        rest = [one for link in self._links.values() for one in link.waiting]
+        rest = [numbered for link in self._links.values() for numbered in link.waiting]
         for link in self._links.values():
             link.waiting.clear()
-        self._take(parcel for _, parcel in sorted(rest, key=lambda one: one[0]))
+        self._take(parcel for _, parcel in sorted(rest, key=itemgetter(0)))
         self._deliver()
 
     def shortages(self) -> tuple[Shortage, ...]:
-        """Topics of which other numbers were received than had been recorded."""
+        """Topics of which fewer or more messages were received than recorded."""
         names = {
-            topic: tuple(one.name for one in self._subscribers[topic]) for topic in self._links
+            topic: tuple(node.name for node in self._subscribers[topic]) for topic in self._links
         }
         return tuple(
             Shortage(topic, link.publisher, names[topic], link.owed, link.more)
@@ -144,13 +145,13 @@ class MessageExchange:
             self._queue.put(topic, Received(self._publishers[topic], topic, header, body))
 
     def _deliver(self) -> None:
-        while (found := self._queue.take()) is not None:
-            _, player, arrival = found
+        while (taken := self._queue.take()) is not None:
+            _, player, arrival = taken
             self._take(player.receive(arrival))
 
 
 class ReplayedNode:
-    """A node under replay; ValueError if it was recorded with topics that it has no more."""
+    """A replayed node; raises ValueError if it was recorded with topics that it no longer has."""
 
     def __init__(self, chosen: ReplayNode, changes: Iterable[ParameterEvent] = ()) -> None:
         node, wiring = chosen
@@ -159,26 +160,26 @@ class ReplayedNode:
             self._work = NodeWork(node, wiring.params, wiring, changes)
         except ContractError as error:
             raise ValueError(f"{error}; it was recorded with another version of it") from None
-        # What it raised and when, in words; it receives and publishes no more after that.
+        # Its exception, in words; after that it receives and publishes no more.
         self.failure = ""
-        self.first = ""  # Its first difference, in words
-        # Types of what it receives, and of what it publishes, by topic.
-        self.subscriptions = {one.topic: node.inputs[one.local][0] for one in wiring.inputs}
+        self.first = ""  # its first difference, in words
+        # Types of received and of published messages, by topic.
+        self.subscriptions = {edge.topic: node.inputs[edge.local][0] for edge in wiring.inputs}
         published = {topic: node.outputs[local] for local, topic in wiring.outputs.items()}
         self.publications = {topic: TopicComparison(topic, cls) for topic, cls in published.items()}
         self._types = published | self.subscriptions
-        self.publishers = {one.topic: one.publisher for one in wiring.inputs}
+        self.publishers = {edge.topic: edge.publisher for edge in wiring.inputs}
 
     def begin(self) -> list[Outgoing]:
-        """Start the node; what it publishes."""
+        """Start the node; returns what it publishes."""
         return self._run(self._work.begin)
 
     def receive(self, arrival: Received) -> list[Outgoing]:
-        """Hand it one message; what it publishes."""
+        """Hand it one message; returns what it publishes."""
         return [] if self.failure else self._run(lambda: self._work.take(arrival))
 
     def check(self, kept: RecordedMessage) -> None:
-        """Refuse a message of a topic of its own that is of another version, by a ValueError."""
+        """Raise ValueError if a message of one of its topics is of another version."""
         cls = self._types.get(kept.topic)
         if cls is not None and kept.schema != schema_hash(cls):
             raise ValueError(
@@ -187,14 +188,14 @@ class ReplayedNode:
             )
 
     def record_published(self, kept: RecordedMessage) -> None:
-        """Compare with what it had published, if the recorded message was its own."""
+        """Take a recorded message for comparison, if the node published it."""
         if kept.topic in self.publications and not kept.outside:
             comparison = self.publications[kept.topic]
             comparison.recorded(kept.body)
             self.first = self.first or comparison.first
 
     def end(self, *, closed: bool) -> None:
-        """Count what was published only then or only now, if all was recorded."""
+        """Count messages published only then or only now, if the recording is complete."""
         for comparison in self.publications.values():
             comparison.end(closed=closed)
             self.first = self.first or comparison.first
@@ -202,14 +203,14 @@ class ReplayedNode:
     def _run(self, act: Callable[[], list[Outgoing | Finished]]) -> list[Outgoing]:
         try:
             published = act()
-        except Exception as error:  # The edge of the node: whatever it was must be told in words.
+        except Exception as error:  # a failure of the node is reported in words
             text, place = " ".join(str(error).split()), code_place(error)
             self.failure = f"{type(error).__name__} {self._work.doing}: {text}"
             self.failure += f" ({place})" if place is not None and place.is_own else ""
             for comparison in self.publications.values():
                 comparison.fall_silent()
             return []
-        parcels = [one for one in published if isinstance(one, Outgoing)]
+        parcels = [parcel for parcel in published if isinstance(parcel, Outgoing)]
         for topic, body, *_ in parcels:
             self.publications[topic].add_published(body)
             self.first = self.first or self.publications[topic].first
@@ -219,59 +220,59 @@ class ReplayedNode:
 class ReplayNode(NamedTuple):
     """A node that is run again."""
 
-    node: Node  # What it does
-    wiring: Wiring  # Its place in the recorded graph, and its parameters
+    node: Node
+    wiring: Wiring  # its edges in the recorded graph, and its parameters
 
 
 def choose_nodes(recording: Recording, names: Sequence[str]) -> tuple[ReplayNode, ...]:
-    """Load the named nodes; all that can be replayed exactly if none is named.
+    """Load nodes by name, or all that can be replayed exactly if none is named.
 
-    A node that received one publisher beside its needs is replayed exactly: of two publishers it
-    may have received the other one first. Raises ValueError if the recording does not describe its
-    graph, a node is unknown, a sink, cannot be loaded or has other parameters by now, or none can
-    be replayed exactly.
+    A node with one publisher besides its needs is replayed exactly; messages of two publishers may
+    have arrived in another order. Raises ValueError if the recording does not describe its graph, a
+    node is unknown, a sink, cannot be loaded or has other parameters now, or no node can be
+    replayed exactly.
     """
     if not recording.graph:
         raise ValueError(f"recording {recording.path} does not say which nodes made it")
-    known = {one.name: one for one in recorded_nodes(recording.graph)}
+    known = {recorded.name: recorded for recorded in recorded_nodes(recording.graph)}
     for name in names:
         if name not in known:
             raise ValueError(f"recording {recording.path} has no node {name!r}; it has {[*known]}")
     chosen = []
-    for one in [known[name] for name in dict.fromkeys(names)] or known.values():
-        if not one.module.startswith(OWN_PACKAGE):
+    for recorded in [known[name] for name in dict.fromkeys(names)] or known.values():
+        if not recorded.module.startswith(OWN_PACKAGE):
             if not names:
                 continue
-            search_current_folder(f"{one.module}:NODE")
-        node = load_node(one.module)
-        if isinstance(node, Node) and (names or _is_exact(one, node, recording)):
-            chosen.append(ReplayNode(node, one.wiring(node.params)))
+            search_current_folder(f"{recorded.module}:NODE")
+        node = load_node(recorded.module)
+        if isinstance(node, Node) and (names or _is_exact(recorded, node, recording)):
+            chosen.append(ReplayNode(node, recorded.wiring(node.params)))
         elif names:
-            text = "neither subscribes nor publishes: there is nothing to be compared"
-            raise ValueError(f"{one.name} {text}")
+            text = "neither subscribes nor publishes: there is nothing to compare"
+            raise ValueError(f"{recorded.name} {text}")
     if not chosen:
         raise ValueError(f"recording {recording.path} has no node that can be replayed exactly")
     return tuple(chosen)
 
 
-def _is_exact(place: RecordedNode, node: Node, recording: Recording) -> bool:
-    """Whether the recorded order is sure to be the order in which the node received."""
-    received = [one for one in place.inputs if recording.counts.get(one.topic)]
-    return len({one.publisher for one in received if one.local not in node.needs}) <= 1
+def _is_exact(recorded: RecordedNode, node: Node, recording: Recording) -> bool:
+    """Whether the recorded order is certainly the order in which the node received."""
+    received = [edge for edge in recorded.inputs if recording.counts.get(edge.topic)]
+    return len({edge.publisher for edge in received if edge.local not in node.needs}) <= 1
 
 
 def in_order_of_sending(recording: Recording) -> Iterator[RecordedMessage]:
-    """Messages by the time at which they were sent; those of one time as they were received.
+    """Messages in the order of sending; those of the same time in the order of arrival.
 
     Processes of one machine share the clock, so no effect comes before its cause. Raises ValueError
-    if it cannot be read, or loses messages while it is read.
+    if the recording cannot be read, or loses messages while it is read.
     """
     sent = np.fromiter((kept.sent_ns for kept in recording.messages()), np.uint64)
     turns = iter(np.argsort(sent, kind="stable").tolist())
     early: dict[int, RecordedMessage] = {}
     turn = next(turns, None)
-    for place, kept in enumerate(recording.messages()):
-        early[place] = kept
+    for index, kept in enumerate(recording.messages()):
+        early[index] = kept
         while turn in early:
             yield early.pop(turn)
             turn = next(turns, None)

@@ -1,10 +1,10 @@
-"""Runs nodes again on what they had received, and compares what they publish.
+"""Runs nodes again on the messages that they received, and compares what they publish.
 
-A node is a pure function of its parameters and of its inputs in their order. So with the same
-parameters it must publish the same, and with others the difference is what these parameters do.
-An exploration goes on from its recording: every node is handed what it had received until then, in
-the order in which it was sent, and publishes what it had published, without anybody receiving it.
-From there the graph goes on, and comes to the same solid.
+A node is a pure function of its parameters and of its inputs in their order. So it publishes the
+same with the same parameters, and the differences with other parameters are their effect. An
+exploration is resumed from its recording: each node processes its received messages in the order of
+sending, and publishes the same messages, which are not delivered. From there the graph continues,
+and rebuilds the same solid.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ from palpate.tools.replay import exchange
 from palpate.tools.replay.comparison import ChangeKind, TopicComparison
 
 CONTOUR = Contour.__name__
-ConsumedAt = tuple[Consumed, int]  # What was sent to a node, and when, ns
+ConsumedAt = tuple[Consumed, int]  # a message of a node, and its time of sending [ns]
 CHANGE_COLUMNS = "topic", "field", "compared", "differ", "first", "largest", "rms", "unit"
 UNIT_WORDS = {"#": "count"}
 KIND_WORDS: dict[ChangeKind, str] = {
@@ -68,38 +68,22 @@ def replay(
     settings: Mapping[str, SourceMapped] | None = None,
     as_json: bool = False,
 ) -> int:
-    """Run nodes of a recording again, all that can be replayed exactly if none is named.
+    """Run nodes of a recording again, or all that can be replayed exactly if none is named.
 
-    What one of them publishes now is what the others receive; all else comes from the recording.
-    `settings` are laid over the recorded parameters. `echo` is told of the differences in lines, or
-    `as_json` in one text. Returns 1 if a node raised, or without settings if one did not publish
-    the same, byte for byte; else 0. Raises ValueError if the recording cannot be read or lacks
-    messages, or a node is unknown, cannot be replayed, or was recorded with other message types;
-    InputError if a setting cannot be used.
+    The nodes receive what they publish to each other now, and other messages from the recording.
+    `settings` override the recorded parameters. `echo` receives lines about the differences, or
+    `as_json` one text. Returns 1 if a node raised, or, without settings, if one published other
+    bytes; else 0. Raises ValueError if the recording cannot be read or lacks messages, or a node is
+    unknown, cannot be replayed, or was recorded with other message types; InputError for a bad
+    setting.
     """
     recording = open_recording(find_bag(bag))
     chosen = with_settings(exchange.choose_nodes(recording, nodes), recording.graph, settings or {})
-    events = [one for one in recording.messages() if one.type == ParameterEvent.__name__]
-    players = [exchange.ReplayedNode(one, recorded_changes(events, *one)) for one in chosen]
+    events = [kept for kept in recording.messages() if kept.type == ParameterEvent.__name__]
+    players = [exchange.ReplayedNode(node, recorded_changes(events, *node)) for node in chosen]
     if not (recording.closed or as_json):
-        echo(f"{recording.path} was never closed: replaying as far as it goes")
-    traffic = exchange.MessageExchange(players)
-    with threadpool_limits(limits=1):  # as when it was recorded: several threads round otherwise
-        traffic.begin()
-        sequence: dict[str, int] = {}
-        for kept in exchange.in_order_of_sending(recording):
-            wanted = sequence.get(kept.topic, 0)
-            if kept.seq != wanted:
-                raise ValueError(
-                    f"recording {recording.path} lacks {kept.topic} {wanted}: it has {kept.seq} "
-                    "instead"
-                )
-            sequence[kept.topic] = wanted + 1
-            traffic.receive(kept)
-        traffic.end()
-    for player in players:
-        player.end(closed=recording.closed)
-    shortages = list(traffic.shortages()) if recording.closed else []
+        echo(f"{recording.path} was never closed: replayed up to its end")
+    shortages = _play(recording, players)
     if as_json:
         echo(json.dumps(replay_figures(recording, players, shortages), indent=2))
     else:
@@ -113,41 +97,62 @@ def replay(
     return int(failed or (not settings and any(player.first for player in players)))
 
 
+def _play(
+    recording: Recording, players: Sequence[exchange.ReplayedNode]
+) -> list[exchange.Shortage]:
+    """Hand all recorded messages to the nodes; raises ValueError if the recording lacks some."""
+    traffic = exchange.MessageExchange(players)
+    with threadpool_limits(limits=1):  # as when recorded: several threads round differently
+        traffic.begin()
+        sequence: dict[str, int] = {}
+        for kept in exchange.in_order_of_sending(recording):
+            expected = sequence.get(kept.topic, 0)
+            if kept.seq != expected:
+                lacks = f"recording {recording.path} lacks {kept.topic} {expected}"
+                raise ValueError(f"{lacks}: it has {kept.seq} instead")
+            sequence[kept.topic] = expected + 1
+            traffic.receive(kept)
+        traffic.end()
+    for player in players:
+        player.end(closed=recording.closed)
+    return list(traffic.shortages()) if recording.closed else []
+
+
 def with_settings(
     chosen: Sequence[exchange.ReplayNode], graph: bytes, settings: Mapping[str, SourceMapped]
 ) -> tuple[exchange.ReplayNode, ...]:
-    """The nodes with parameters set as by ``palpate run --set``, in the graph in which they ran.
+    """Nodes with parameters set as by ``palpate run --set``, in the graph in which they ran.
 
-    Raises InputError if a setting does not look like this, or names a node that is not run again or
-    a parameter that it lacks, or its value is of the wrong type or out of range.
+    Raises InputError if a setting has another form, names a node that is not run again or a
+    parameter that it lacks, or its value is of the wrong type or out of range.
     """
     if not settings:
         return tuple(chosen)
-    entries = [_entry(one.wiring) for one in chosen]
-    others = [_entry(one) for one in recorded_nodes(graph)]
-    again = {name for entry in entries for name in (entry.name, entry.group)}
-    ran = {name for entry in others for name in (entry.name, entry.group)}
+    entries = [_entry(node.wiring) for node in chosen]
+    recorded = [*map(_entry, recorded_nodes(graph))]
+    replayed = {name for entry in entries for name in (entry.name, entry.group)}
+    ran = {name for entry in recorded for name in (entry.name, entry.group)}
     names = ", ".join(entry.name for entry in entries)
     for target, value in settings.items():
         node, _, param = target.partition(".")
-        if param and node in ran - again:
+        if param and node in ran - replayed:
             text = f"{node!r} is not among the nodes to run again: {names}; add it to --nodes"
             raise value.error((), text)
-    laid = override(Graph(tuple(entries), ends=""), settings).entries
-    found = list(chosen)
-    for i, (one, entry) in enumerate(zip(chosen, laid, strict=True)):
+    changed = override(Graph(tuple(entries), ends=""), settings).entries
+    nodes = list(chosen)
+    for i, (again, entry) in enumerate(zip(chosen, changed, strict=True)):
         if entry.places:
-            params: Any = convert(entry.settings, one.node.params, entry.name)
-            found[i] = one._replace(wiring=replace(one.wiring, params=params))
-    return tuple(found)
+            params: Any = convert(entry.settings, again.node.params, entry.name)
+            nodes[i] = again._replace(wiring=replace(again.wiring, params=params))
+    return tuple(nodes)
 
 
-def _entry(place: Wiring | RecordedNode) -> Entry:
-    """The node as a launch file would describe it, in the namespace of its finger."""
-    finger = f"finger_{place.name.rpartition('_')[2]}"
-    within = any(topic.startswith(f"/{finger}/") for topic in place.outputs.values())
-    space = finger if within else ""
-    return Entry(name=place.name, kind=place.module, params=place.params, namespace=space)
+def _entry(node: Wiring | RecordedNode) -> Entry:
+    """A node as in a launch file, in the namespace of its finger."""
+    finger = f"finger_{node.name.rpartition('_')[2]}"
+    is_of_finger = any(topic.startswith(f"/{finger}/") for topic in node.outputs.values())
+    space = finger if is_of_finger else ""
+    return Entry(name=node.name, kind=node.module, params=node.params, namespace=space)
 
 
 def replay_figures(
@@ -155,7 +160,7 @@ def replay_figures(
     players: Sequence[exchange.ReplayedNode],
     shortages: Sequence[exchange.Shortage],
 ) -> dict[str, Any]:
-    """What has changed, ready for JSON; a change that no float holds is None."""
+    """Differences as JSON values; a change beyond all floats is None."""
     return {
         "recording": str(recording.path),
         "complete": recording.closed,
@@ -163,7 +168,7 @@ def replay_figures(
             player.name: {
                 "failure": player.failure or None,
                 "first_difference": player.first or None,
-                "topics": {topic: one.figures() for topic, one in player.publications.items()},
+                "topics": {topic: some.figures() for topic, some in player.publications.items()},
             }
             for player in players
         },
@@ -172,9 +177,8 @@ def replay_figures(
 
 
 def verdict(player: exchange.ReplayedNode) -> str:
-    """What came of a node: identical, its first difference, or how it failed, in 80 columns."""
-    told = _verdict(player)
-    return "\n".join(titled(f"{player.name}:", told, width=len(player.name) + 2))
+    """Result of a node in 80 columns: identical, its first difference, or its failure."""
+    return "\n".join(titled(f"{player.name}:", _verdict(player), width=len(player.name) + 2))
 
 
 def _verdict(player: exchange.ReplayedNode) -> str:
@@ -182,12 +186,12 @@ def _verdict(player: exchange.ReplayedNode) -> str:
         return f"fails, {player.failure}"
     if player.first:
         return f"differs, {player.first}"
-    counts = ", ".join(f"{one.compared} on {topic}" for topic, one in player.publications.items())
+    counts = ", ".join(f"{some.compared} on {topic}" for topic, some in player.publications.items())
     return f"identical, {counts or 'nothing published'}"
 
 
 def shortage_text(shortage: exchange.Shortage) -> str:
-    """One line on a topic of which another number was received than had been recorded."""
+    """A line about a topic of which fewer or more messages were received than recorded."""
     topic, publisher, subscribers, fewer, more = shortage
     who = f"{', '.join(subscribers)}: received"
     if fewer:
@@ -198,35 +202,36 @@ def shortage_text(shortage: exchange.Shortage) -> str:
 
 
 def change_table(players: Sequence[exchange.ReplayedNode]) -> list[str]:
-    """Lines of what has changed, by topic and field; none if nothing has."""
-    rows = [row for player in players for one in player.publications.values() for row in _rows(one)]
+    """Lines about the changes, by topic and field; empty without changes."""
+    compared = [topic for player in players for topic in player.publications.values()]
+    rows = [row for topic in compared for row in _rows(topic)]
     return text_table([CHANGE_COLUMNS, *rows], right=range(2, 7)) if rows else []
 
 
-def _rows(one: TopicComparison) -> Iterator[tuple[str, ...]]:
-    compared = str(one.compared)
-    for field, change in one.changes.fields.items():
+def _rows(topic: TopicComparison) -> Iterator[tuple[str, ...]]:
+    compared = str(topic.compared)
+    for field, change in topic.changes.fields.items():
         sizes = (f"{change.largest:.3g}", f"{change.rms:.3g}") if change.numbers else ("", "")
         unit = UNIT_WORDS.get(change.unit, change.unit) if change.numbers else ""
         notes = "; ".join(
             f"{note.count} {KIND_WORDS[kind]}, first {note.then} -> {note.now}"
             for kind, note in change.notes.items()
         )
-        told = "  ".join(filter(None, (unit, notes)))
-        yield one.topic, field, compared, str(change.differ), str(change.first), *sizes, told
-    if one.fewer or one.more:
-        told = f"{one.fewer} fewer" if one.fewer else f"{one.more} more"
-        yield one.topic, "messages", compared, "", compared, "", "", f"{told} than recorded"
+        remark = "  ".join(filter(None, (unit, notes)))
+        yield topic.topic, field, compared, str(change.differ), str(change.first), *sizes, remark
+    if topic.fewer or topic.more:
+        remark = f"{topic.fewer} fewer" if topic.fewer else f"{topic.more} more"
+        yield topic.topic, "messages", compared, "", compared, "", "", f"{remark} than recorded"
 
 
 def plan_resume(
     bag: Path, contour: int | None, *, nodes: Sequence[str] = (), out: Path | None = None
 ) -> Plan:
-    """Plan to go on with an exploration after a contour, or after all that was recorded.
+    """Plan to resume an exploration after a contour, or after all recorded messages.
 
-    `nodes` names those whose modules are not palpate's own, and may be imported. Raises ValueError
-    if the recording cannot be read, does not say how it was made, has fewer contours, or a node
-    cannot be loaded; InputError if the folder cannot be used.
+    `nodes`: names of nodes with modules of a user that may be imported. Raises ValueError if the
+    recording cannot be read, does not describe its graph, has fewer contours, or a node cannot be
+    loaded; InputError if the folder cannot be used.
     """
     recording = open_recording(find_bag(bag))
     about = {key: text for key, text in recording.about.items() if key not in ("graph", "version")}
@@ -244,7 +249,7 @@ def plan_resume(
         folder,
         before=replace(
             earlier_run_of(wirings, _until(recording, contour)),
-            changes=_changes(wirings, recording),  # those after that contour, too
+            changes=_changes(wirings, recording),  # also those after that contour
         ),
         demanded=demanded_of(wirings),
     )
@@ -252,17 +257,18 @@ def plan_resume(
 
 def _wirings(recording: Recording, nodes: Sequence[str], path: Path) -> list[Wiring]:
     wirings = []
-    for one in recorded_nodes(recording.graph):
-        if not one.module.startswith(exchange.OWN_PACKAGE):
-            if one.name not in nodes:
+    for recorded in recorded_nodes(recording.graph):
+        name, module = recorded.name, recorded.module
+        if not module.startswith(exchange.OWN_PACKAGE):
+            if name not in nodes:
                 raise ValueError(
-                    f"recording {recording.path} wants module {one.module!r} for {one.name}, which "
-                    f"is not palpate's own; name it if you trust it: --nodes {one.name}"
+                    f"recording {recording.path} wants module {module!r} for {name}, which "
+                    f"is not palpate's own; name it if you trust it: --nodes {name}"
                 )
-            search_current_folder(f"{one.module}:NODE")
-        node = load_node(one.module)
-        wiring = one.wiring(node.params)
-        if one.module == RECORDER:
+            search_current_folder(f"{module}:NODE")
+        node = load_node(module)
+        wiring = recorded.wiring(node.params)
+        if module == RECORDER:
             wiring = replace(wiring, params=msgspec.structs.replace(wiring.params, path=str(path)))
         timeout, persistent = node.handler_timeout, is_persistent(node)
         wirings.append(replace(wiring, handler_timeout=timeout, persistent=persistent))
@@ -270,36 +276,35 @@ def _wirings(recording: Recording, nodes: Sequence[str], path: Path) -> list[Wir
 
 
 def earlier_run_of(wirings: Sequence[Wiring], messages: Iterable[RecordedMessage]) -> EarlierRun:
-    """What each node had received, and what it had published when, in the order of sending."""
+    """Messages that each node had received and published, in the order of sending."""
+    persistent = {wiring.name for wiring in wirings if wiring.persistent}
+    names = [wiring.name for wiring in wirings]
     subscribers: dict[str, list[tuple[str, str]]] = {}
-    publishers = {topic: one for one in wirings for topic in one.outputs.values()}
-    received: dict[str, list[ConsumedAt]] = {one.name: [] for one in wirings}
-    sent: dict[str, list[SentMessage]] = {one.name: [] for one in wirings if one.persistent}
+    publishers = {topic: wiring.name for wiring in wirings for topic in wiring.outputs.values()}
+    received: dict[str, list[ConsumedAt]] = {name: [] for name in names}
+    sent: dict[str, list[SentMessage]] = {name: [] for name in names if name in persistent}
+    times: dict[str, list[tuple[str, int]]] = {name: [] for name in names if name not in persistent}
     outside = defaultdict[str, list[OutsideMessage]](list)
-    times: dict[str, list[tuple[str, int]]] = {
-        one.name: [] for one in wirings if not one.persistent
-    }
     for wiring in wirings:
         for edge in () if wiring.module == RECORDER else wiring.inputs:
             subscribers.setdefault(edge.topic, []).append((wiring.name, edge.publisher))
-    for one in messages:
-        for name, publisher in subscribers.get(one.topic, ()):
-            received[name].append((Consumed(publisher, one.topic, one.seq), one.sent_ns))
-        wiring = publishers[one.topic]
-        if wiring.persistent:
-            sent[wiring.name].append(
-                SentMessage(one.topic, one.sent_ns, one.schema, one.body, one.outside)
-            )
+    for kept in messages:
+        topic, sent_ns = kept.topic, kept.sent_ns
+        for name, publisher in subscribers.get(topic, ()):
+            received[name].append((Consumed(publisher, topic, kept.seq), sent_ns))
+        publisher = publishers[topic]
+        if publisher in persistent:
+            message = SentMessage(topic, sent_ns, kept.schema, kept.body, kept.outside)
+            sent[publisher].append(message)
             continue
-        times[wiring.name].append((one.topic, one.sent_ns))
-        if one.outside:
-            message = OutsideMessage(one.topic, one.seq, one.body, one.schema)
-            outside[wiring.name].append(message)
+        times[publisher].append((topic, sent_ns))
+        if kept.outside:
+            outside[publisher].append(OutsideMessage(topic, kept.seq, kept.body, kept.schema))
     consumed = {
-        one.name: answered_messages(one, received[one.name], sent[one.name])
-        if one.persistent
-        else [each for each, _ in received[one.name]]
-        for one in wirings
+        wiring.name: answered_messages(wiring, received[wiring.name], sent[wiring.name])
+        if wiring.persistent
+        else [message for message, _ in received[wiring.name]]
+        for wiring in wirings
     }
     return EarlierRun(consumed, sent, times, outside=outside)
 
@@ -307,32 +312,33 @@ def earlier_run_of(wirings: Sequence[Wiring], messages: Iterable[RecordedMessage
 def answered_messages(
     wiring: Wiring, received: Sequence[ConsumedAt], sent: Sequence[SentMessage]
 ) -> list[Consumed]:
-    """What a node that acts had answered: each message by one of its own at least, in its order.
+    """Messages that a node that acts had answered, each by at least one of its own.
 
-    What it needs before all else does not count, nor what it publishes before it is asked anything.
+    Neither messages that it needs before all others count, nor what it published before its first
+    request.
     """
     node = load_node(wiring.module)
     needs = node.needs if isinstance(node, Node) else ()
-    latched = {one.topic for one in wiring.inputs if one.local in needs}
-    asked = [(one, sent_ns) for one, sent_ns in received if one.topic not in latched]
-    if not asked:
+    latched = {edge.topic for edge in wiring.inputs if edge.local in needs}
+    requests = [(message, at) for message, at in received if message.topic not in latched]
+    if not requests:
         return []
-    answers = sum(one.sent_ns > asked[0][1] for one in sent if not one.outside)
-    return [one for one, _ in asked[:answers]]
+    answers = sum(message.sent_ns > requests[0][1] for message in sent if not message.outside)
+    return [message for message, _ in requests[:answers]]
 
 
 def _changes(wirings: Sequence[Wiring], recording: Recording) -> dict[str, list[ParameterEvent]]:
-    """By node the parameters that were set while it ran."""
-    publishers = {topic: one.name for one in wirings for topic in one.outputs.values()}
-    found = defaultdict[str, list[ParameterEvent]](list)
+    """Parameters that were set during the run, by node."""
+    publishers = {topic: wiring.name for wiring in wirings for topic in wiring.outputs.values()}
+    changes = defaultdict[str, list[ParameterEvent]](list)
     for kept in recording.messages():
         if kept.type == ParameterEvent.__name__ and not kept.outside:
-            found[publishers[kept.topic]].append(decode(ParameterEvent, kept.body))
-    return dict(found)
+            changes[publishers[kept.topic]].append(decode(ParameterEvent, kept.body))
+    return dict(changes)
 
 
 def _until(recording: Recording, contour: int | None) -> Iterable[RecordedMessage]:
-    """All that was sent before a contour was known, that contour included."""
+    """Messages up to the first `contour` contours, or all."""
     known = 0
     for kept in exchange.in_order_of_sending(recording):
         cls = TYPES.get(kept.type)
@@ -344,20 +350,19 @@ def _until(recording: Recording, contour: int | None) -> Iterable[RecordedMessag
             return
     if contour is not None:
         raise ValueError(
-            f"recording {recording.path} has {known} contours, so none to go on from "
-            f"after {contour}"
+            f"recording {recording.path} has {known} contours, so none to resume after {contour}"
         )
 
 
 def past_differences(bag: Path, run: Path) -> str:
-    """What of the earlier run came out otherwise in the one that went on; empty if nothing did."""
+    """Text about topics that differ in the resumed run from the recording; empty without any."""
     if not (run / RECORDING).exists():
         return ""
-    found = compare_recordings(bag, run).topics.items()
-    differ = [f"{topic} ({one.differ} of {one.compared})" for topic, one in found if one.differ]
+    topics = compare_recordings(bag, run).topics.items()
+    differ = [f"{name} ({diff.differ} of {diff.compared})" for name, diff in topics if diff.differ]
     if not differ:
         return ""
     return (
-        f"{', '.join(differ)} came out otherwise than recorded: other code, or other versions; "
+        f"{', '.join(differ)} differ from the recording: other code, or other versions; "
         f"palpate bag diff {find_bag(bag)} {run} shows it"
     )

@@ -1,8 +1,7 @@
 """``report.html``: a run, or two side by side, as one file that needs no network.
 
-The page is put together from sections, each of which is left out where there is nothing to tell.
-Pictures, the view's data and its program stand within the file; it opens from disk, prints, and
-without WebGL shows a still.
+The page consists of sections; a section without content is left out. Pictures, the data and the
+program of the view are in the file. It opens from disk, prints, and shows a still without WebGL.
 """
 
 from __future__ import annotations
@@ -10,6 +9,7 @@ from __future__ import annotations
 import base64
 import shlex
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from functools import cache
 from html import escape
 from itertools import zip_longest
@@ -27,7 +27,6 @@ from palpate.launch.summary_text import headline_facts
 from palpate.tools.drawables import LAYERS, SCALARS
 from palpate.tools.graph_drawing import draw_svg
 from palpate.tools.report.run_facts import (
-    MOST_PLACES,
     Place,
     RunFacts,
     ratio_rows,
@@ -38,9 +37,8 @@ from palpate.tools.surfaces import css_ramp
 from palpate.tools.view.picture import png_bytes, still
 
 REPORT = "report.html"
-STILL = (720, 520)  # Pixels
 HERE = Path(__file__).parent
-HIDDEN_AT_FIRST = ("touched", "finger")  # They would hide the solid at the end, which is shown
+HIDDEN_AT_FIRST = ("touched", "finger")  # layers that would hide the solid
 TILES = {
     "rms error": "rms_m",
     "error bound": "rms_bound_95_m",
@@ -50,23 +48,36 @@ COSTS = {"robot_time_s": "robot time", "compute_s": "compute time", "wall_s": "e
 Html = Iterator[str]
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PageLayout:
+    """Sizes of pictures on the page, and limits of its lists."""
+
+    still_width: int = 720  # [pixels]
+    still_height: int = 520  # [pixels]
+    bar_width: float = 90.0  # [pixels] of the longest bar of a table
+    max_places: int = 24  # of one kind that have a button
+
+
+LAYOUT = PageLayout()
+
+
 def write_report(runs: Sequence[Path], path: Path) -> None:
     """Write the report of a run, or of two side by side.
 
-    `runs` are directories or recordings. Raises InputError if one has no figures or a damaged
-    recording, or the file cannot be written; it is replaced whole or not at all.
+    `runs` are directories or recordings. Raises InputError if one has no summary or a damaged
+    recording, or the file cannot be written; an existing file is then left as it was.
     """
-    text = report_text([read_run(one) for one in runs])
+    text = report_text([read_run(run) for run in runs])
     write_atomically({path: lambda part: part.write_text(text, "utf-8", "replace")})
 
 
 def report_text(runs: Sequence[RunFacts]) -> str:
     """The page of one run or two."""
-    title = " and ".join(f"{one.summary['scene'] or one.folder.name}" for one in runs)
+    title = " and ".join(f"{run.summary['scene'] or run.folder.name}" for run in runs)
     body = [f"<h1>palpate: {escape(title)}</h1>"]
     for heading, write in SECTIONS.items():
-        columns = [list(write(one, number)) for number, one in enumerate(runs)]
-        if write is _headline:  # the figures of one run are tiles, those of two a table
+        columns = [list(write(run, number)) for number, run in enumerate(runs)]
+        if write is _headline:  # figures of one run are tiles, those of two a table
             if len(runs) == 2:
                 body += _section("Side by side", list(_compared(runs)))
             else:
@@ -76,11 +87,11 @@ def report_text(runs: Sequence[RunFacts]) -> str:
 
 
 def html_page(title: str, body: Sequence[str], *, kind: str = "one", view: bool = False) -> str:
-    """A page in the style of all of them; `view`: with the program of the view."""
+    """A page in the common style; `view`: with the program of the view."""
     lines = [
         '<!DOCTYPE html>\n<html lang="en">\n<meta charset="utf-8">',
         '<meta name="viewport" content="width=device-width, initial-scale=1">',
-        '<link rel="icon" href="data:,">',  # or else a browser asks for one
+        '<link rel="icon" href="data:,">',  # otherwise a browser requests an icon
         f"<title>{escape(title)}</title>\n<style>\n{_read('page.css')}</style>",
         f'<body class="{kind}">\n<main>',
         *body,
@@ -97,38 +108,39 @@ def _read(name: str) -> str:
 
 
 def _section(heading: str, *columns: list[str]) -> list[str]:
-    """A section of a column for each run; nothing if none has anything to tell."""
+    """A section with a column for each run; empty if all columns are."""
     if not any(columns):
         return []
     lines = [f"<section>\n<h2>{heading}</h2>", '<div class="columns">']
-    for one in columns:
-        lines += ["<div>", *(one or ['<p class="dim">nothing recorded</p>']), "</div>"]
+    for column in columns:
+        lines += ["<div>", *(column or ['<p class="dim">nothing recorded</p>']), "</div>"]
     return [*lines, "</div>\n</section>"]
 
 
 def _compared(runs: Sequence[RunFacts]) -> Html:
-    """The figures of two runs, and how many times as large the second's are."""
-    heads = ["", *(f"{one.summary['scene']}, {one.folder.name}" for one in runs), "ratio"]
-    rows = [[name, *cells] for name, cells in ratio_rows([one.summary for one in runs])]
+    """Figures of two runs, and their ratios."""
+    heads = ["", *(f"{run.summary['scene']}, {run.folder.name}" for run in runs), "ratio"]
+    rows = [[name, *cells] for name, cells in ratio_rows([run.summary for run in runs])]
     yield from table(heads, rows, right=range(1, 4))
 
 
 def _headline(run: RunFacts, _: int) -> Html:
-    """How the run ended, and what is to be doubted; its figures stand in tiles or in a table."""
+    """Reason of the end, doubts, and missed limits; figures are in tiles or in a table."""
     summary, facts = run.summary, headline_facts(run.summary)
     yield f"<p>{escape(summary['reason'])}</p>"
     yield '<dl class="facts">'
-    # What has a tile says there whether its limit is kept.
-    missed = [one for one in summary["missed"] if not one.startswith((*TILES, "no error bound"))]
-    told = {"found": facts["found"][:1], "doubt": facts["doubt"], "missed": missed}
-    for title, parts in {**told, "folder": [str(run.folder)]}.items():
+    # A tile already says whether its limit is kept.
+    in_tiles = (*TILES, "no error bound")
+    missed = [text for text in summary["missed"] if not text.startswith(in_tiles)]
+    shown = {"found": facts["found"][:1], "doubt": facts["doubt"], "missed": missed}
+    for title, parts in {**shown, "folder": [str(run.folder)]}.items():
         if parts:
             yield f"<dt>{title}</dt><dd>{escape('; '.join(parts))}</dd>"
     yield "</dl>"
 
 
 def _tiles(summary: dict[str, Any]) -> Html:
-    """The figures of a run, each once."""
+    """Figures of a run as tiles."""
     yield '<div class="tiles">'
     for name, value, kind in _figures(summary):
         yield f'<div class="tile {kind}"><b>{escape(value)}</b><span>{escape(name)}</span></div>'
@@ -136,21 +148,21 @@ def _tiles(summary: dict[str, Any]) -> Html:
 
 
 def _figures(summary: dict[str, Any]) -> Iterator[tuple[str, str, str]]:
-    """Name, value and kind of what counts most."""
-    criteria = {one["name"]: one for one in summary["criteria"]}
+    """Name, value and kind of the main figures."""
+    criteria = {criterion["name"]: criterion for criterion in summary["criteria"]}
     for name, key in TILES.items():
-        told, kind = name, ""
+        text, kind = name, ""
         if name == "rms error" and summary[key] is not None:
-            told += f"; sampling floor {millimetres(summary['sampling_floor_m'])}"
+            text += f"; sampling floor {millimetres(summary['sampling_floor_m'])}"
         if name in criteria:
             kind = "good" if criteria[name]["is_met"] else "bad"
             limit = "tolerance" if name == "error bound" else "limit"
-            told += f"; {limit} {1e3 * criteria[name]['limit']:.3g} mm"
-            told += " kept" if kind == "good" else " NOT kept"
+            text += f"; {limit} {1e3 * criteria[name]['limit']:.3g} mm"
+            text += " kept" if kind == "good" else " NOT kept"
         if summary[key] is not None:
-            yield told, millimetres(summary[key]), kind
+            yield text, millimetres(summary[key]), kind
         elif name in criteria:
-            yield told, "unknown", kind
+            yield text, "unknown", kind
     for key, name in (("contacts", "contacts of the hand"), ("contours", "contours")):
         if summary.get(key):
             yield name, str(summary[key]), ""
@@ -165,7 +177,9 @@ def _view(run: RunFacts, number: int) -> Html:
     if run.line is None or not (run.line.models or run.line.touches):
         return
     data = view_data(run.line, run.places)
-    picture = base64.b64encode(png_bytes(still(run.line, *STILL))).decode()
+    picture = base64.b64encode(
+        png_bytes(still(run.line, LAYOUT.still_width, LAYOUT.still_height))
+    ).decode()
     yield f'<div class="view3d" id="view{number}">\n<div class="stage">'
     yield f'<img class="still" alt="{_alt(run)}" src="data:image/png;base64,{picture}">'
     yield "</div>"
@@ -184,7 +198,7 @@ def _view(run: RunFacts, number: int) -> Html:
             f'<i class="swatch" style="background: {layer.colour}"></i> {layer.label}</label>'
         )
     yield '<label>colour <select data-control="colour">'
-    yield from (f'<option value="{one}">{one}</option>' for one in (PLAIN, *data.tops))
+    yield from (f'<option value="{name}">{name}</option>' for name in (PLAIN, *data.tops))
     yield "</select></label>"
     yield '<button data-control="home">Reset view</button>'
     yield '<output class="fallback" data-control="readout" aria-live="polite"></output>\n</div>'
@@ -193,8 +207,8 @@ def _view(run: RunFacts, number: int) -> Html:
 
 
 def _alt(run: RunFacts) -> str:
-    found = headline_facts(run.summary)["found"]
-    return escape(f"The rebuilt object with its contours: {', '.join(found)}", quote=True)
+    facts = ", ".join(headline_facts(run.summary)["found"])
+    return escape(f"The rebuilt object with its contours: {facts}", quote=True)
 
 
 def _scale(tops: dict[str, float]) -> Html:
@@ -220,7 +234,7 @@ def _cost(run: RunFacts, _: int) -> Html:
 
 
 def _picture(svg: str, alt: str, kind: str = "") -> str:
-    """A drawing, whose style stays its own."""
+    """A drawing as an image, so that its style sheet does not affect the page."""
     data = base64.b64encode(svg.encode("utf-8", "replace")).decode()
     return f'<img class="{kind}" alt="{alt}" src="data:image/svg+xml;base64,{data}">'
 
@@ -230,16 +244,14 @@ def _contours(run: RunFacts, number: int) -> Html:
         return
     heads = ["contour", "height mm", "status", "touches", "points", "gaps", "rms mm", "p95 mm"]
     rows = []
-    for one in run.line.contours:
-        found = run.contour_deviations.get(one.id)
-        told = ["", ""]
-        if found is not None and len(found):
-            told = [
-                f"{1e3 * np.sqrt(np.mean(found**2)):.3f}",
-                f"{1e3 * np.quantile(found, 0.95):.3f}",
-            ]
-        counts = [str(one.touches), str(len(one.points)), str(len(one.gap_starts))]
-        rows.append([str(one.id), f"{1e3 * one.height:.1f}", one.status, *counts, *told])
+    for contour in run.line.contours:
+        deviations, errors = run.contour_deviations.get(contour.id, np.zeros(0)), ["", ""]
+        if len(deviations):
+            rms, p95 = np.sqrt(np.mean(deviations**2)), np.quantile(deviations, 0.95)
+            errors = [f"{1e3 * rms:.3f}", f"{1e3 * p95:.3f}"]
+        counts = [contour.touches, len(contour.points), len(contour.gap_starts)]
+        facts = [f"{1e3 * contour.height:.1f}", contour.status, *map(str, counts)]
+        rows.append([str(contour.id), *facts, *errors])
     yield from table(heads, rows, right=(0, 1, 3, 4, 5, 6, 7))
     yield '<p class="dim">In the order traced; rms and p95: of its points from the truth.</p>'
 
@@ -248,12 +260,12 @@ def _load(run: RunFacts, _: int) -> Html:
     nodes = run.summary["nodes"]
     if not nodes:
         return
-    most = max(one["cpu_s"] for one in nodes.values()) or 1.0
+    longest = max(node["cpu_s"] for node in nodes.values())
     rows = []
-    for name, one in nodes.items():
-        bar = f'<span class="bar" style="width: {90.0 * one["cpu_s"] / most:.0f}px"></span>'
-        timing = [f"{1e-3 * one[key]:.2f}" for key in ("p50_us", "p99_us")]
-        rows.append([name, str(one["messages"]), *timing, f"{one['cpu_s']:.2f}", Markup(bar)])
+    for name, node in nodes.items():
+        timing = [f"{1e-3 * node[key]:.2f}" for key in ("p50_us", "p99_us")]
+        figures = [str(node["messages"]), *timing, f"{node['cpu_s']:.2f}"]
+        rows.append([name, *figures, _bar(node["cpu_s"], longest)])
     heads = ["node", "messages", "p50 ms", "p99 ms", "CPU s", ""]
     yield from table(heads, rows, right=range(1, 5))
 
@@ -262,35 +274,42 @@ def _effects(run: RunFacts, _: int) -> Html:
     if run.effects is None:
         return
     if not run.effects:
-        yield "<p>Exact contact; no effect was simulated, and none was paid for.</p>"
+        yield "<p>Exact contact; no effect was simulated.</p>"
         return
-    most = max(one.seconds for one in run.effects) or 1.0
+    longest = max(cost.seconds for cost in run.effects)
     rows = []
-    for one in run.effects:
-        bar = f'<span class="bar" style="width: {90.0 * one.seconds / most:.0f}px"></span>'
-        rows.append([one.name, f"{1e6 * one.seconds:.0f}", Markup(bar), one.told])
+    for cost in run.effects:
+        bar = _bar(cost.seconds, longest)
+        rows.append([cost.name, f"{1e6 * cost.seconds:.0f}", bar, cost.parameters])
     yield from table(["stage", "µs a touch", "", "parameters"], rows, right=(1,))
     yield '<p class="dim">Median processor time, measured when this page was written.</p>'
 
 
+def _bar(value: float, longest: float) -> Markup:
+    """A bar for a value, in a table whose longest bar stands for `longest`."""
+    width = LAYOUT.bar_width * value / (longest or 1.0)
+    return Markup(f'<span class="bar" style="width: {width:.0f}px"></span>')
+
+
 def _diagnostics(run: RunFacts, number: int) -> Html:
-    """Where something went less well, with a way to look there, and the figures of the fit."""
+    """Places with faults, with buttons that show them, and the figures of the fit."""
     kinds: dict[str, list[tuple[int, Place]]] = {}
     for i, place in enumerate(run.places):
         kinds.setdefault(place.kind, []).append((i, place))
     for kind, some in kinds.items():
         yield f"<h3>{escape(kind)}: {len(some)}</h3>\n<p>"
-        for i, place in some[:MOST_PLACES]:
+        for i, place in some[: LAYOUT.max_places]:
             yield (
                 f'<button class="place" data-view="view{number}" data-place="{i}">'
                 f"{escape(place.text)}</button>"
             )
-        rest = len(some) - MOST_PLACES
+        rest = len(some) - LAYOUT.max_places
         yield "</p>" if rest <= 0 else f'<span class="dim">and {rest} more</span></p>'
     if not kinds and run.line is not None:
         yield "<p>No gap, no fallback, and no opening.</p>"
-    for one in run.log:
-        yield f"<p>{escape(one['level'])}, {escape(one['node'])}: {escape(one['text'])}</p>"
+    for record in run.log:
+        level, node, text = (escape(record[key]) for key in ("level", "node", "text"))
+        yield f"<p>{level}, {node}: {text}</p>"
     if run.summary["numerics"]:
         rows = [[name, f"{value:.3g}"] for name, value in run.summary["numerics"].items()]
         yield "<details><summary>Figures of the last fit</summary>"
@@ -307,22 +326,22 @@ def _graph(run: RunFacts, _: int) -> Html:
         "wide",
     )
     yield '<div class="narrow"><dl class="facts">'
-    names = [one.name for one in run.graph.boxes]
+    names = [box.name for box in run.graph.boxes]
     for wire in run.graph.wires:
-        targets = ", ".join(names[one] for one in wire.targets)
+        targets = ", ".join(names[target] for target in wire.targets)
         yield f"<dt>{escape(names[wire.source])}</dt>"
-        told = f"{', '.join(wire.labels)} to {targets or 'no node'}"
-        yield f"<dd>{escape(told)}</dd>"
+        yield f"<dd>{escape(', '.join(wire.labels))} to {escape(targets or 'no node')}</dd>"
     yield "</dl></div>"
 
 
 def _reproduce(run: RunFacts, _: int) -> Html:
-    again = shlex.quote(str(run.folder / "launch.yaml"))
-    yield f"<pre>palpate launch {escape(again)}</pre>"
-    seed, mesh = run.summary["seed"], run.summary["mesh_sha256"]
-    told = {"palpate": run.summary["palpate"], "seed": seed, "mesh_sha256": mesh}
+    path = shlex.quote(str(run.folder / "launch.yaml"))
+    yield f"<pre>palpate launch {escape(path)}</pre>"
+    facts = {key: run.summary[key] for key in ("palpate", "seed", "mesh_sha256")}
     yield '<dl class="facts">'
-    yield from (f"<dt>{key}</dt><dd>{escape(str(one))}</dd>" for key, one in told.items() if one)
+    yield from (
+        f"<dt>{key}</dt><dd>{escape(str(value))}</dd>" for key, value in facts.items() if value
+    )
     yield f"<dt>versions</dt><dd>{escape(versions_text())}</dd></dl>"
     for name, text in run.files.items():
         yield f"<details><summary>{name}</summary><pre>{escape(text)}</pre></details>"
@@ -338,15 +357,17 @@ def table(
     right: Sequence[int],
     marks: Sequence[str] = (),
 ) -> Html:
-    """A table, its columns `right` set to the right; `marks` are attributes of its rows."""
+    """A table with right-aligned columns `right`; `marks` are attributes of its rows."""
     kinds = ['class="n"' if i in right else "" for i in range(len(heads))]
     yield '<div class="table"><table>\n<tr>'
-    yield "".join(f"<th {kind}>{escape(one)}</th>" for one, kind in zip(heads, kinds, strict=True))
+    yield "".join(
+        f"<th {kind}>{escape(head)}</th>" for head, kind in zip(heads, kinds, strict=True)
+    )
     yield "</tr>"
     for row, mark in zip_longest(rows, marks, fillvalue=""):
-        cells = (one if isinstance(one, Markup) else escape(one) for one in row)
-        told = "".join(f"<td {kind}>{one}</td>" for one, kind in zip(cells, kinds, strict=True))
-        yield f"<tr{mark}>{told}</tr>"
+        texts = (cell if isinstance(cell, Markup) else escape(cell) for cell in row)
+        cells = "".join(f"<td {kind}>{text}</td>" for text, kind in zip(texts, kinds, strict=True))
+        yield f"<tr{mark}>{cells}</tr>"
     yield "</table></div>"
 
 

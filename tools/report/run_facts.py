@@ -1,6 +1,6 @@
-"""Everything that a report says of a run, read from its folder.
+"""Facts of a run for its report, read from its folder.
 
-Whatever is missing, a recording say, leaves its section out; the rest stands.
+A missing file, such as a recording, leaves out the sections that need it.
 """
 
 from __future__ import annotations
@@ -30,59 +30,66 @@ from palpate.tools.graph_sketch import Sketch, sketch_of
 from palpate.tools.scene_text import effect_parameters
 from palpate.tools.view.timeline import Timeline, read_timeline
 
-MOST_LOGGED = 40  # Warnings and errors that are shown
-TRIED = 48  # Touches over which the cost of an effect is measured
-RETRACTED, REACH, DEPTH = 5e-3, 10e-3, 0.5e-3  # How those begin before the surface, and go on, m
-MOST_PLACES = 24  # Of one kind that lead to their place
-UNTOUCHED = "unknown places"  # Kind of a place that is far from every touch
-LEAST_OUTLIER = 5.0  # Times the median residual, from which a touch fits badly
-SURE: dict[str, type | tuple[type, ...]] = {  # Of every summary; whatever else may be null
+REQUIRED: dict[str, type | tuple[type, ...]] = {  # keys of a summary that cannot be null
     "reason": str, "touches": int, "contours": int, "robot_time_s": (int, float),
     "nodes": dict, "curve": list, "missed": list, "criteria": list,
 }  # fmt: skip
-PALPATE_FILES = ("scene.yaml", "launch.yaml")  # What a run needs to be run again
+PALPATE_FILES = ("scene.yaml", "launch.yaml")  # needed to repeat a run
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EffectTiming:
+    """Touches of a run that are simulated again to time its effects."""
+
+    max_touches: int = 48  # spread evenly over the run
+    retraction: float = 5e-3  # [m] of the start of a touch from its pose
+    reach: float = 10e-3  # [m] of the move from there
+    depth: float = 0.5e-3  # [m] of the pad into the surface
+
+
+DEFAULT_TIMING = EffectTiming()
 
 
 class Place(NamedTuple):
-    """Where something happened that a reader may want to look at."""
+    """A place that a reader may want to look at."""
 
-    kind: str  # What places of its kind have in common
+    kind: str
     text: str
-    time: float  # Robot time, s
-    point: Floats  # (3,), m
+    time: float  # robot time [s]
+    point: Floats  # (3,) [m]
 
 
 class EffectCost(NamedTuple):
-    """An effect of the scene, or a stage that every touch has."""
+    """Cost of an effect of the scene, or of a stage that all touches have."""
 
     name: str
-    told: str  # Its parameters
-    seconds: float  # Median processor time of a touch
+    parameters: str
+    seconds: float  # median processor time of a touch [s]
 
 
 @dataclass(frozen=True, slots=True)
 class RunFacts:
-    """A run, ready to be written about."""
+    """Facts of a run."""
 
     folder: Path
     summary: dict[str, Any]
     line: Timeline | None  # None without a recording
     places: tuple[Place, ...]
-    contour_deviations: dict[int, Floats]  # Of each contour's points from the truth (n,), m
-    effects: tuple[EffectCost, ...] | None  # None where nobody can tell what was simulated
-    graph: Sketch | None  # The wiring; None where the launch file cannot be read any more
-    files: dict[str, str]  # Scene and launch file as text, by name
-    log: tuple[dict[str, Any], ...]  # Warnings and errors
+    contour_deviations: dict[int, Floats]  # (n,) of each contour's points from the truth [m]
+    effects: tuple[EffectCost, ...] | None  # None if the simulated effects are unknown
+    graph: Sketch | None  # the wiring; None if the launch file can no longer be read
+    files: dict[str, str]  # scene and launch file as text, by name
+    log: tuple[dict[str, Any], ...]  # warnings and errors
 
 
 def read_run(run: Path) -> RunFacts:
-    """Read a run by its directory or recording.
+    """Read a run from its directory or recording.
 
-    Raises InputError if it holds no figures, or its recording is damaged or of another version.
+    Raises InputError if it has no summary, or its recording is damaged or of another version.
     """
     folder = run_directory_of(run)
     summary = read_summary(folder)
-    for key, kind in SURE.items():
+    for key, kind in REQUIRED.items():
         if not isinstance(summary.get(key), kind):
             raise InputError(f"{folder / SUMMARY}: is of another version: no good {key!r}")
     line = read_timeline(folder) if (folder / RECORDING).is_file() else None
@@ -96,71 +103,86 @@ def read_run(run: Path) -> RunFacts:
         effects,
         graph,
         {
-            one: (folder / one).read_text("utf-8", "replace")
-            for one in PALPATE_FILES
-            if (folder / one).is_file()
+            name: (folder / name).read_text("utf-8", "replace")
+            for name in PALPATE_FILES
+            if (folder / name).is_file()
         },
         tuple(_warnings(folder)),
     )
 
 
 def _deviations(line: Timeline) -> dict[int, Floats]:
-    points = [one.points for one in line.contours]
+    points = [contour.points for contour in line.contours]
     if not points or line.surface is None:
         return {}
-    found = line.surface.deviations(np.concatenate(points))
-    parts = np.split(found, np.cumsum([len(one) for one in points])[:-1])
-    return {one.id: part for one, part in zip(line.contours, parts, strict=True)}
+    deviations = line.surface.deviations(np.concatenate(points))
+    parts = np.split(deviations, np.cumsum([*map(len, points)])[:-1])
+    return {contour.id: part for contour, part in zip(line.contours, parts, strict=True)}
 
 
-def _warnings(folder: Path) -> Iterator[dict[str, Any]]:
+def _warnings(folder: Path, max_records: int = 40) -> Iterator[dict[str, Any]]:
+    """The first warnings and errors of the log of a run."""
     path = folder / "log.jsonl"
     lines = path.read_bytes().splitlines() if path.is_file() else []
     try:
-        records = [json.loads(one) for one in lines]
-        yield from [one for one in records if one["level"] in ("warning", "error")][:MOST_LOGGED]
+        records = map(json.loads, lines)
+        warnings = [record for record in records if record["level"] in ("warning", "error")]
+        yield from warnings[:max_records]
     except (ValueError, TypeError, KeyError):
         raise InputError(
             f"{path}: is no log of a run: a line of it is cut off or foreign"
         ) from None
 
 
-def places_of(line: Timeline, summary: dict[str, Any]) -> Iterator[Place]:
-    """Where tracing met gaps, fits fell back to less, and nothing was touched."""
-    for one in line.contours:
-        for begins, ends, why in zip(one.gap_starts, one.gap_ends, one.gap_reasons, strict=True):
-            wide = millimetres(float(np.linalg.norm(ends - begins)))
-            text = f"contour {one.id}: {wide} {why}"
-            yield Place("gaps in contours", text, one.robot_time, 0.5 * (begins + ends))
-        if one.status not in ("closed", "occluded") and len(one.points):
-            text = f"contour {one.id}: {one.status}"
-            yield Place("contours that did not close", text, one.robot_time, one.points[-1])
+def places_of(
+    line: Timeline, summary: dict[str, Any], min_residual_ratio: float = 5.0
+) -> Iterator[Place]:
+    """Places with gaps in contours, with poor fits, and without touches.
+
+    `min_residual_ratio`: residual of a touch over the median, from which on it fits badly.
+    """
+    yield from _gaps(line)
     yield from _dropped(line)
-    usual = statistics.median([one.residual for one in line.touches] or [0.0])
+    usual = statistics.median([touch.residual for touch in line.touches] or [0.0])
     for touch in line.touches:
-        place = touch.points.mean(axis=0) if len(touch.points) else touch.pose[:3]
+        point = touch.points.mean(axis=0) if len(touch.points) else touch.pose[:3]
         text = f"touch {touch.number} of goal {touch.goal}"
         if touch.kind == "insufficient" or touch.outcome in ("inside", "bottomed"):
-            told = touch.kind if touch.kind == "insufficient" else touch.outcome
-            yield Place("touches too poor for a local fit", f"{text}: {told}", touch.time, place)
-        elif touch.residual > LEAST_OUTLIER * usual > 0.0:
+            fault = touch.kind if touch.kind == "insufficient" else touch.outcome
+            yield Place("touches too poor for a local fit", f"{text}: {fault}", touch.time, point)
+        elif touch.residual > min_residual_ratio * usual > 0.0:
             text = f"{text}: residual {millimetres(touch.residual)}"
-            yield Place("touches that fit badly", text, touch.time, place)
+            yield Place("touches that fit badly", text, touch.time, point)
     for number, point in enumerate(summary.get("open_places_m") or (), 1):
-        at = ", ".join(f"{1e3 * one:.0f}" for one in point)
-        text = f"{number}: at ({at}) mm" if number > 1 else "1: the widest"
-        yield Place(UNTOUCHED, text, line.end, np.array(point))
+        coordinates = ", ".join(f"{1e3 * x:.0f}" for x in point)
+        text = f"{number}: at ({coordinates}) mm" if number > 1 else "1: the widest"
+        yield Place("unknown places", text, line.end, np.array(point))
+
+
+def _gaps(line: Timeline) -> Iterator[Place]:
+    """Gaps in contours, and ends of contours that did not close."""
+    for contour in line.contours:
+        name, time = f"contour {contour.id}", contour.robot_time
+        gaps = zip(contour.gap_starts, contour.gap_ends, contour.gap_reasons, strict=True)
+        for start, end, reason in gaps:
+            text = f"{name}: {millimetres(float(np.linalg.norm(end - start)))} {reason}"
+            yield Place("gaps in contours", text, time, 0.5 * (start + end))
+        if contour.status not in ("closed", "occluded") and len(contour.points):
+            text = f"{name}: {contour.status}"
+            yield Place("contours that did not close", text, time, contour.points[-1])
 
 
 def _dropped(line: Timeline) -> Iterator[Place]:
+    """Contours that the last fit left out, and openings where a pad touched nothing."""
     if not line.models:
         return
-    last, known = line.models[-1], {one.id: one for one in line.contours}
-    for number, why in zip(last.dropped, last.dropped_reasons, strict=True):
-        if number in known and len(known[number].points):
-            one = known[number]
-            text = f"contour {number}: {why}"
-            yield Place("contours left out of the fit", text, one.robot_time, one.points[0])
+    last, known = line.models[-1], {contour.id: contour for contour in line.contours}
+    for number, reason in zip(last.dropped, last.dropped_reasons, strict=True):
+        contour = known.get(number)
+        if contour is not None and len(contour.points):
+            text = f"contour {number}: {reason}"
+            point, time = contour.points[0], contour.robot_time
+            yield Place("contours left out of the fit", text, time, point)
     for point in last.openings:
         yield Place("hollows", "a pad touched nothing there", last.robot_time, point)
 
@@ -168,7 +190,7 @@ def _dropped(line: Timeline) -> Iterator[Place]:
 def _from_launch_file(
     folder: Path, line: Timeline | None
 ) -> tuple[tuple[EffectCost, ...] | None, Sketch | None]:
-    """What the effects cost, and the wiring, as far as the launch file can be read here."""
+    """Costs of the effects, and the wiring; None each if the launch file cannot be read."""
     path = folder / "launch.yaml"
     if not path.is_file():
         return None, None
@@ -176,55 +198,58 @@ def _from_launch_file(
         described = describe(path, {}, folder)
         wirings = described.graph.wirings()
         graph = sketch_of(described.graph)
-    except InputError:  # it names files or modules that are no longer there
+    except InputError:  # it names files or modules that no longer exist
         return None, None
-    hands = [one.params for one in wirings if isinstance(one.params, simulator.Params)]
+    hands = [node.params for node in wirings if isinstance(node.params, simulator.Params)]
     if not hands or (hands[0].effects and (line is None or not line.touches)):
-        return None, graph  # no simulator, or no touch over which to measure
+        return None, graph  # no simulator, or no touch to time
     return (() if line is None else tuple(effect_costs(hands[0], line))), graph
 
 
-def effect_costs(hand: simulator.Params, line: Timeline) -> Iterator[EffectCost]:
-    """What each stage of a touch costs here and now, over some touches of the run made again.
+def effect_costs(
+    hand: simulator.Params, line: Timeline, settings: EffectTiming = DEFAULT_TIMING
+) -> Iterator[EffectCost]:
+    """Cost of each stage of a touch on this machine, from touches of the run simulated again.
 
-    Nothing is yielded of a scene without effects.
+    A scene without effects has none.
     """
     if not hand.effects:
         return
     pipeline = build_pipeline(hand.sensor, hand.effects, ROBOT_PRESETS[hand.robot])
     shape, states = build_shape(hand.object), list(pipeline.begin())
     spent: list[list[float]] = [[] for _ in pipeline.stages]
-    pick = np.linspace(0, len(line.touches) - 1, min(TRIED, len(line.touches))).astype(int)
-    for number, one in enumerate(pick):
-        pose = Pose.from_array(line.touches[one].pose).advanced(-RETRACTED)
+    count = len(line.touches)
+    chosen = np.linspace(0, count - 1, min(settings.max_touches, count)).astype(int)
+    for number, index in enumerate(chosen):
+        pose = Pose.from_array(line.touches[index].pose).advanced(-settings.retraction)
         touch = SimulatedTouch(
-            shape=shape, number=number, believed=pose, actual=pose, reach=REACH,
-            depth=DEPTH, begun=float(number), previous=float(number),
+            shape=shape, number=number, believed=pose, actual=pose, reach=settings.reach,
+            depth=settings.depth, begun=float(number), previous=float(number),
         )  # fmt: skip
         for i, stage in enumerate(pipeline.stages):
-            begun = time.thread_time()
+            start = time.thread_time()
             states[i] = stage.apply(touch, states[i])
-            spent[i].append(time.thread_time() - begun)
+            spent[i].append(time.thread_time() - start)
     listed = {
         type(effect).__name__: (name, effect_parameters(effect))
         for name, effect in describe_effects(hand.effects).items()
     }
     for stage_name, seconds in zip(pipeline.names, spent, strict=True):
-        name, told = listed.get(stage_name, (stage_name, ""))
-        yield EffectCost(name, told, statistics.median(seconds))
+        name, parameters = listed.get(stage_name, (stage_name, ""))
+        yield EffectCost(name, parameters, statistics.median(seconds))
 
 
 def ratio_rows(summaries: Sequence[dict[str, Any]]) -> Iterator[tuple[str, list[str]]]:
-    """Figures of two runs beside each other, and the second over the first."""
+    """Figures of two runs, and the ratio of the second to the first."""
     for key, (name, factor, unit) in COMPARED.items():
-        values = [one.get(key) for one in summaries]
-        if all(isinstance(one, int | float) for one in values):
-            cells = [f"{factor * float(one or 0):.4g} {unit}".rstrip() for one in values]
-            first, second = (float(one or 0) for one in values)
+        values = [summary.get(key) for summary in summaries]
+        if all(isinstance(value, int | float) for value in values):
+            first, second = (float(value or 0) for value in values)
+            cells = [f"{factor * value:.4g} {unit}".rstrip() for value in (first, second)]
             yield name, [*cells, f"{second / first:.2f}" if first else ""]
 
 
-# Figures that are compared: how they are called, what they are multiplied by, their unit.
+# Compared figures, by key of the summary: name, factor to the unit, and the unit.
 COMPARED = {
     "rms_m": ("rms error", 1e3, "mm"),
     "rms_bound_95_m": ("error bound", 1e3, "mm"),

@@ -11,8 +11,7 @@ import click
 from palpate.launch.files.source_map import InputError
 from palpate.tools.cli import command_line
 
-SWEEP_HELP = """Explore with every combination of parameters that FILE asks for, and draw what
-accuracy costs.
+SWEEP_HELP = """Explore with every combination of parameters in FILE, and draw the cost of accuracy.
 
 \b
 scene: vase                             # a name or a file, or a list of them
@@ -24,33 +23,34 @@ list:                                   # each of these, with all of the grid
   - {planner.planner: predicted}          # any parameter of a node
   - {planner.planner: uniform, planner.settings.count: 9}
 
-Every run is checked before the first one starts, and has a folder of its own. Beside them lie
-table.csv and index.html, where each dot leads to its run. The same command on the same folder goes
-on where it stopped, also with another FILE; so does the folder in place of FILE.
+All runs are checked before the first one starts. Each has its own folder, beside table.csv and
+index.html, where each dot links to its run. The same command with the same folder resumes a sweep,
+also with another FILE; so does the folder in place of FILE.
 
-Exits with 0 if all runs are done, with 1 if one missed its goal or failed, as the table says, with
-2 if FILE cannot be used or the cluster not be reached, with 130 if it was interrupted.
-docs/sweep.md says more.
+Exits with 0 if all runs are done, with 1 if one missed its goal or failed, as the table shows, with
+2 if FILE is invalid or the cluster cannot be reached, with 130 if it was interrupted. See
+docs/sweep.md.
 """
-# What is asked of a graph that is performed, and of how its result is printed.
 
 
 @click.command(
     "sweep",
-    short_help="Explore with many parameters, and draw what accuracy costs.",
+    short_help="Explore with many parameters, and draw the cost of accuracy.",
     help=SWEEP_HELP,
 )
 @click.argument("file", type=command_line.PATH)
-@command_line.out_option("Folder of the sweep; new, empty, or one to go on with.")
-@click.option("--workers", type=click.IntRange(1, 1024), help="Processes; one a core if left out.")
+@command_line.out_option("Folder of the sweep; new, empty, or of a sweep to resume.")
+@click.option(
+    "--workers", type=click.IntRange(1, 1024), help="Processes. Default: one for each core."
+)
 @click.option("--scheduler", metavar="ADDRESS", help="Send the runs to this dask cluster instead.")
-@click.option("--no-record", is_flag=True, help="Do not keep the messages.")
+@click.option("--no-record", is_flag=True, help="Do not record the messages.")
 @command_line.JSON
 @command_line.quiet_option()
 def sweep_command(
     file: Path, out: Path | None, workers: int | None, scheduler: str | None, **how: bool
 ) -> int:
-    """Explore with many parameters; `SWEEP_HELP` says how."""
+    """Explore with many parameters; see `SWEEP_HELP`."""
     from palpate.tools.sweep.sweep_file import read_sweep
     from palpate.tools.sweep.sweep_folder import ASKED, ClusterWorkers, LocalWorkers, run_sweep
 
@@ -58,12 +58,12 @@ def sweep_command(
         raise InputError("--workers and --scheduler exclude each other, so do --out and a folder")
     if file.is_dir():
         file, out = file / ASKED, file
-    asked = read_sweep(file, record=not how["no_record"])
-    here = None if scheduler else LocalWorkers(workers or os.cpu_count() or 1)
-    who = here or ClusterWorkers(scheduler or "")
-    done = run_sweep(asked, out, who, command_line.progress_printer(not how["quiet"]))
+    sweep = read_sweep(file, record=not how["no_record"])
+    local = None if scheduler else LocalWorkers(workers or os.cpu_count() or 1)
+    pool = local or ClusterWorkers(scheduler or "")
+    result = run_sweep(sweep, out, pool, command_line.progress_printer(not how["quiet"]))
     if how["as_json"]:
-        click.echo(json.dumps(done.figures, indent=2, default=str))
+        click.echo(json.dumps(result.figures, indent=2, default=str))
     elif not how["quiet"]:
-        click.echo(done.text)
-    return done.exit_code
+        click.echo(result.text)
+    return result.exit_code

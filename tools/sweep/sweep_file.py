@@ -1,4 +1,4 @@
-"""A sweep file: which explorations are made, each checked whole before the first one starts."""
+"""A sweep file: the explorations of a sweep, all checked before the first one starts."""
 
 from __future__ import annotations
 
@@ -24,10 +24,8 @@ from palpate.launch.scene import find_scene
 from palpate.nodes.runtime.node import RECORDER, Wiring
 from palpate.nodes.specs.objects import Seed
 
-MOST_RUNS = 10_000  # Of a sweep; each is checked before the first starts, which takes some 25 ms
-MOST_LETTERS = 80  # Of a run's name, before the mark that tells it from all others
-MARK = 12  # Hexadecimal digits of that
-# What may be named without a dot: an argument of the launch file, and demands with their units.
+MAX_RUNS = 10_000  # of a sweep; checking takes about 25 ms for each
+# Names without a dot: an argument of the launch file, and demands with their units.
 FINGERS, DEMANDS = "fingers", ("tolerance", "feature", "budget")
 Settings = Mapping[str, SourceMapped]
 Item = TypeVar("Item")
@@ -35,30 +33,28 @@ Several = Annotated[list[Item], Meta(min_length=1)]
 
 
 class SweepSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Everything that a sweep file may hold."""
+    """Contents of a sweep file."""
 
-    scene: (
-        str | Several[str]
-    )  # A shipped scene's name or a file, as on the command line; or several
-    # So many, from 0, or which ones; the scene's own if left out.
-    seeds: Annotated[int, Meta(ge=1, le=MOST_RUNS)] | Several[Seed] | None = None
-    grid: dict[str, Several[Any]] = {}  # By ``node.param`` or ``scene.path``; all combinations run
-    # Or these combinations, one after the other, each with all of the grid.
+    scene: str | Several[str]  # names of shipped scenes, or files, as on the command line
+    # Number of seeds, from 0, or a list of them; None: that of the scene.
+    seeds: Annotated[int, Meta(ge=1, le=MAX_RUNS)] | Several[Seed] | None = None
+    grid: dict[str, Several[Any]] = {}  # by ``node.param`` or ``scene.path``; all combinations
+    # Single combinations, each with all of the grid.
     combinations: list[dict[str, Any]] = field(default_factory=list, name="list")
 
 
 @dataclass(frozen=True, slots=True)
 class SweepRun:
-    """One exploration of a sweep, checked."""
+    """A checked exploration of a sweep."""
 
-    mark: str  # Tells its resolved parameters, and palpate's version, from all others
-    name: str  # For people; ends with the mark
-    asked: Mapping[str, Any]  # Scene, parameters by name, seed
+    mark: str  # hash of its resolved parameters and of palpate's version
+    name: str  # for people; ends with the mark
+    asked: Mapping[str, Any]  # scene, parameters by name, seed
     args: Settings
     settings: Settings
 
     def plan(self, folder: Path) -> Plan:
-        """The run, ready to be performed into a folder, which must be new or empty."""
+        """Plan of the run into a folder, which must be new or empty."""
         return plan_run(EXPLORE, self.args, self.settings, name=self.name, out=folder)
 
 
@@ -66,56 +62,56 @@ class SweepRun:
 class Sweep:
     """A checked sweep."""
 
-    name: str  # The file's name without its suffix
-    text: str  # The file's text
-    runs: tuple[SweepRun, ...]  # In the order of the file, seeds innermost
-    repeated: int  # Combinations that are the same run as an earlier one
+    name: str  # of the file, without suffix
+    text: str  # of the file
+    runs: tuple[SweepRun, ...]  # in the order of the file, seeds innermost
+    repeated: int  # combinations that are the same run as an earlier one
 
 
 def read_sweep(path: Path, *, record: bool = True) -> Sweep:
-    """The sweep in a YAML file; `record` keeps the messages of each run.
+    """The sweep in a YAML file; `record`: whether the messages of each run are recorded.
 
-    Raises InputError, with file and line, if anything is wrong with any of its runs.
+    Raises InputError, with file and line, if a run is invalid.
     """
-    given = read_yaml(path)
-    spec = convert(given, SweepSpec)
-    scenes = [given.part(("scene",))] if isinstance(spec.scene, str) else _items(given, "scene")
+    source = read_yaml(path)
+    spec = convert(source, SweepSpec)
+    scenes = [source.part(("scene",))] if isinstance(spec.scene, str) else _items(source, "scene")
     numbers = range(spec.seeds) if isinstance(spec.seeds, int) else spec.seeds
-    seeds = [SourceMapped(number, given.place(("seeds",))) for number in numbers or ()]
+    seeds = [SourceMapped(number, source.place(("seeds",))) for number in numbers or ()]
     asked = (
         (scene, settings, seed)
         for scene in scenes
-        for settings in _combinations(given, spec)
+        for settings in _combinations(source, spec)
         for seed in seeds or (None,)
     )
-    listed = list(islice(asked, MOST_RUNS + 1))
-    if len(listed) > MOST_RUNS:
-        raise given.error((), f"has more than {MOST_RUNS} runs, the most that are made")
+    listed = list(islice(asked, MAX_RUNS + 1))
+    if len(listed) > MAX_RUNS:
+        raise source.error((), f"has more than {MAX_RUNS} runs, the most that are made")
     runs: dict[str, SweepRun] = {}
-    for each in listed:
-        run = _checked(*each, record=record)
+    for combination in listed:
+        run = _checked(*combination, record=record)
         runs.setdefault(run.mark, run)
     text = path.read_text(encoding="utf-8")
     return Sweep(path.stem, text, tuple(runs.values()), len(listed) - len(runs))
 
 
-def _items(given: SourceMapped, *path: str) -> list[SourceMapped]:
-    """What stands in the list at a path."""
-    return [given.part((*path, i)) for i in range(len(given.part(path).value))]
+def _items(source: SourceMapped, *path: str) -> list[SourceMapped]:
+    """Items of the list at a path."""
+    return [source.part((*path, i)) for i in range(len(source.part(path).value))]
 
 
-def _combinations(given: SourceMapped, spec: SweepSpec) -> Iterator[Settings]:
-    """What each entry of the list says, with every combination of the grid's other parameters."""
-    listed = _items(given, "list") if spec.combinations else []
-    entries = [{key: one.part((key,)) for key in one.value} for one in listed] or [{}]
+def _combinations(source: SourceMapped, spec: SweepSpec) -> Iterator[Settings]:
+    """Each entry of the list with every combination of the other parameters of the grid."""
+    listed = _items(source, "list") if spec.combinations else []
+    entries = [{key: item.part((key,)) for key in item.value} for item in listed] or [{}]
     for key in spec.grid:
         if all(key in entry for entry in entries):
-            raise given.error(
+            raise source.error(
                 ("grid", key),
                 f"every entry of list says {key}, so that the grid's values are never used; take "
                 "it out of the grid, or add the entry {} to the list: the grid as it is",
             )
-    grid = {key: _items(given, "grid", key) for key in spec.grid}
+    grid = {key: _items(source, "grid", key) for key in spec.grid}
     for entry in entries:
         rest = {key: grid[key] for key in grid if key not in entry}
         for chosen in product(*rest.values()):
@@ -125,7 +121,7 @@ def _combinations(given: SourceMapped, spec: SweepSpec) -> Iterator[Settings]:
 def _checked(
     scene: SourceMapped, settings: Settings, seed: SourceMapped | None, *, record: bool
 ) -> SweepRun:
-    """One run; InputError if it could not be started."""
+    """One run; raises InputError if it cannot be started."""
     try:
         path = find_scene(scene.value)
     except InputError as error:
@@ -155,31 +151,31 @@ def _checked(
 
 def _demand(name: str, value: SourceMapped) -> Settings:
     """A setting of the planner, as on the command line: ``tolerance: 0.2mm``."""
-    tolerance, feature, budget = (str(value.value) if name == one else None for one in DEMANDS)
+    tolerance, feature, budget = (str(value.value) if name == d else None for d in DEMANDS)
     try:
-        found = read_demand(tolerance, feature, budget, None, None, None)
+        demand = read_demand(tolerance, feature, budget, None, None, None)
     except InputError as error:
         raise value.error((), str(error).removeprefix("--")) from None
-    return {target: SourceMapped(one.value, value.source) for target, one in found.items()}
+    return {target: SourceMapped(d.value, value.source) for target, d in demand.items()}
 
 
 def _located(text: str, settings: Settings) -> str:
-    """A complaint with the whole combination, and never at a line of the launch file."""
+    """An error text with the whole combination, without lines of the launch file."""
     if settings and text.startswith(str(EXPLORE)):
         text = f"{[*settings.values()][-1].source}: {text.partition(': ')[2]}"
-    told = ", ".join(f"{name} {value.value}" for name, value in settings.items())
-    return f"{text} (with {told})" if len(settings) > 1 else text
+    combination = ", ".join(f"{name} {value.value}" for name, value in settings.items())
+    return f"{text} (with {combination})" if len(settings) > 1 else text
 
 
-def mark_of(wirings: tuple[Wiring, ...]) -> str:
-    """What tells a run's resolved parameters from all others: 12 digits of their SHA-256."""
-    nodes = [one for one in wirings if one.module != RECORDER]
-    kept = [(one.name, one.module, plain_params(one.params)) for one in nodes]
+def mark_of(wirings: tuple[Wiring, ...], n_digits: int = 12) -> str:
+    """Hash of the resolved parameters of a run: the first hexadecimal digits of their SHA-256."""
+    nodes = [node for node in wirings if node.module != RECORDER]
+    kept = [(node.name, node.module, plain_params(node.params)) for node in nodes]
     text = json.dumps([__version__, kept], default=str)
-    return hashlib.sha256(text.encode()).hexdigest()[:MARK]
+    return hashlib.sha256(text.encode()).hexdigest()[:n_digits]
 
 
-def run_name(scene: str, values: Mapping[str, Any]) -> str:
-    """A run's name for people, of letters that need no care in folders and links."""
-    told = [f"{key.rpartition('.')[2]}-{value}" for key, value in values.items() if key != "scene"]
-    return re.sub(r"[^A-Za-z0-9._-]+", "-", "_".join((scene, *told)))[:MOST_LETTERS]
+def run_name(scene: str, values: Mapping[str, Any], max_letters: int = 80) -> str:
+    """Name of a run for people, of letters that are safe in folders and links."""
+    parts = [f"{key.rpartition('.')[2]}-{value}" for key, value in values.items() if key != "scene"]
+    return re.sub(r"[^A-Za-z0-9._-]+", "-", "_".join((scene, *parts)))[:max_letters]

@@ -1,11 +1,11 @@
-"""Template of a driver: your own sensor in the simulator's place. Make it yours.
+"""Template of a driver: a sensor of your own instead of the simulator. Adapt it.
 
 It joins the graph by its launch file; start palpate in the folder of this file:
 
     palpate launch template.yaml
 
-As it is, it presses a flat pad of 16 by 16 taxels onto a ball, from all sides, and the launch file
-makes a solid of that. Frames that lie in a file, or come over TCP, need no driver of your own:
+Without changes it presses a flat pad of 16 by 16 taxels onto a ball, from all sides, and the launch
+file rebuilds a solid from that. Frames from a file, or over TCP, need no driver of your own:
 `palpate launch driver.yaml path:=frames.csv`,
 `palpate launch socket_driver.yaml address:=127.0.0.1:5555`.
 """
@@ -31,50 +31,50 @@ from palpate.nodes.specs.sensors import PadSpec, SensorSpec
 
 
 class Params(SensorParams, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What the launch file may set, beside what it may say of any sensor."""
+    """Parameters that the launch file can set, with those of all sensors."""
 
-    # The array: rows, columns, distance between taxels in m, and the pad over them.
+    # The array: rows, columns, distance between taxels, m, and the pad over them.
     sensor: SensorSpec = SensorSpec(rows=16, cols=16, pitch=0.001, pad=PadSpec(radius=None))
-    frames: Annotated[int, Meta(ge=1)] = 60  # Frames until it ends
-    rate: Annotated[float, Meta(gt=0)] = 5.0  # Frames per second, Hz
-    radius: Annotated[float, Meta(gt=0)] = 0.02  # Of the ball, m
+    frames: Annotated[int, Meta(ge=1)] = 60  # number of frames
+    rate: Annotated[float, Meta(gt=0)] = 5.0  # frames per second, Hz
+    radius: Annotated[float, Meta(gt=0)] = 0.02  # of the ball, m
 
 
 def read_frame(params: Params, number: int) -> tuple[Floats, Floats] | None:
-    """One frame of the sensor: what the taxels send, and the pose of the pad.
+    """One frame of the sensor: signals of the taxels, and the pose of the pad.
 
-    YOUR HARDWARE HERE. Return None if there is no new frame yet, and wait no longer than 0.1 s for
-    one. Times and compressions are made of your numbers by `scale` and `values` in the launch file.
-    The pose is x, y, z in m of the middle of the pad's face, undeformed, and a quaternion x, y, z,
-    w; the pad's z axis points into the object, x runs along its columns.
+    YOUR HARDWARE HERE. Return None if there is no new frame yet, after at most 0.1 s. `scale` and
+    `values` in the launch file convert your numbers to times or compressions. The pose is x, y, z
+    of the middle of the undeformed pad's face, m, and a quaternion x, y, z, w; the z axis of the
+    pad points into the object, x along its columns.
     """
     side = (np.arange(params.sensor.rows) - (params.sensor.rows - 1) / 2) * params.sensor.pitch
     x, y = np.meshgrid(side, side)
     depth = 0.5e-3 + 0.3e-3 * np.sin(0.5 * number)
     gap = params.radius - np.sqrt(params.radius**2 - x**2 - y**2)
-    # From all sides of the ball, evenly: down a spiral about its axis.
+    # Poses are spread evenly around the ball, down a spiral about its axis.
     heading, height = 2.4 * number, 1.0 - (2 * number + 1) / params.frames
     axes = pad_rotation(heading, float(np.arcsin(height)))
     return np.maximum(depth - gap, 0.0), Pose((depth - params.radius) * axes[:, 2], axes).array
 
 
 def read(params: Params) -> Iterator[Timed | Finished | None]:
-    """The sensor, and each frame as it comes."""
+    """The sensor, and all frames as they come."""
     yield Timed(0.0, "/touch/info", sensor_info(params))
     touch, time = 0, 0.0
     while touch < params.frames:
-        found = read_frame(params, touch)
-        if found is None:
-            yield None  # nothing yet: palpate does what else is to be done, and asks again
+        frame = read_frame(params, touch)
+        if frame is None:
+            yield None  # no frame yet: palpate does other work, and asks again
             continue
-        image, pose = found
+        image, pose = frame
         time = touch / params.rate
-        # With hardware: due 0.0, for it is time to say what has come; and the time that it gives.
+        # With hardware: due 0.0, so that it is sent at once, and the robot time of the hardware.
         yield Timed(time, "/touch/raw", tactile_frame(params, touch, time, pose, image))
         touch += 1
     yield Timed(time, "/touch/end", SequenceEnd(frames=touch, robot_time=time))
     yield Finished(f"published {touch} frames")
 
 
-# repeats: whether it publishes the same when it is started again. With hardware: False.
+# repeats: whether a restarted driver publishes the same messages; False with hardware.
 SOURCE = Source(params=Params, outputs=lambda params: DRIVER_OUTPUTS, open=read, repeats=True)

@@ -1,4 +1,4 @@
-"""What must hold of the driver template. Run it with ``python -m pytest`` in this folder."""
+"""Tests of the driver template. Run them with ``python -m pytest`` in this folder."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from palpate.testing import drive, messages_on
 from palpate.tools.templates.driver import SOURCE
 
 
-def test_the_sensor_is_told_first_and_then_the_frames_in_their_order() -> None:
-    """The filter and whoever comes after it wait for the sensor."""
+def test_sensor_comes_first_and_frames_in_order() -> None:
+    """The filter and later nodes wait for the sensor."""
     published = drive(SOURCE, params={"frames": 5})
     assert len(messages_on(published[:1], "/touch/info")) == 1
     assert [frame.touch for frame in messages_on(published, "/touch/raw")] == [0, 1, 2, 3, 4]
 
 
-def test_what_it_says_is_understood() -> None:
-    """By the nodes that receive it: each patch is of a ball of 20 mm, its curvature within 2 %."""
+def test_patches_have_the_curvature_of_the_ball() -> None:
+    """The ball has a radius of 20 mm; curvatures are within 2 %."""
     published = drive(SOURCE, params={"frames": 5})
     info = published[:1]
     images = drive(filter.NODE, published[:-2])
@@ -28,12 +28,12 @@ def test_what_it_says_is_understood() -> None:
         assert abs(patch.k2 - 50.0) < 1.0
 
 
-def test_its_frames_become_the_ball() -> None:
-    """Within a tenth of a millimetre, as driver.yaml would make it."""
+def test_solid_of_the_frames_is_the_ball() -> None:
+    """Within 0.1 mm, with the nodes of driver.yaml."""
     published = drive(SOURCE)
     images = drive(filter.NODE, published[:-2])
     patches = drive(curvature.NODE, [*published[:1], *images])
     *probes, world, goal = drive(collector.NODE, [*published[:1], *patches, *published[-2:]])
-    made = drive(reconstructor.NODE, [world, *published[:1], *patches, *probes, goal])
-    (model,) = messages_on(made, "/model/shape")
+    published = drive(reconstructor.NODE, [world, *published[:1], *patches, *probes, goal])
+    (model,) = messages_on(published, "/model/shape")
     assert np.abs(np.linalg.norm(model.vertices, axis=1) - 0.02).max() < 1e-4

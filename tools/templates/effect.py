@@ -1,13 +1,12 @@
-"""Template of an effect: mains hum in the electronics. Make it yours.
+"""Template of an effect: mains hum in the electronics. Adapt it.
 
 List it in a scene, and start palpate in the folder of this file:
 
     effects:
       - template:Template: {size: 5.0e-6}
 
-Other places to act in, what a touch holds and what a finger knows:
-`palpate.effects`. For random numbers take
-`palpate.effects.KeyedRandom`: they belong to this effect alone, and to the touch's number.
+Other phases, and the fields of touches and fingers: `palpate.effects`. For random numbers use
+`palpate.effects.KeyedRandom`: they depend only on this effect and on the number of the touch.
 """
 
 from __future__ import annotations
@@ -26,19 +25,19 @@ class Template:
 
     phase: ClassVar = Phase.SIGNAL
 
-    size: Annotated[float, Range(0.0, 1e-3, "m")] = 5e-6  # Amplitude, as compression
-    frequency: Annotated[float, Range(0.0, 1e3, "Hz")] = 50.0  # Frequency
+    size: Annotated[float, Range(0.0, 1e-3, "m")] = 5e-6  # amplitude, as compression
+    frequency: Annotated[float, Range(0.0, 1e3, "Hz")] = 50.0
 
     def __post_init__(self) -> None:
         check_ranges(self)
 
     def prepare(self, finger: Fingertip) -> Stage:
-        """The stage for one finger: called once. What can be computed before is computed here."""
+        """The stage of a finger; called once, for everything that does not depend on a touch."""
         size, turning = self.size, 2.0 * math.pi * self.frequency
 
         def apply(touch: SimulatedTouch, state: None) -> None:
-            # Called for every touch, misses too. Replace arrays, do not write into them. What
-            # has to be remembered until the next touch is returned, and comes back as state.
+            # Called for all touches, also misses. Replace arrays, do not write into them. The
+            # returned value is the state at the next touch.
             touch.reading = touch.reading + size * math.sin(turning * touch.time)
 
         return Stage(apply)

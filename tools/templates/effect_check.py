@@ -1,4 +1,4 @@
-"""What must hold of the effect Template. Run it with ``python -m pytest`` in this folder."""
+"""Tests of the effect Template. Run them with ``python -m pytest`` in this folder."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ FINGER = Fingertip(PAD, Calibration("time", 3e-3, 1000.0, 0.2e3), ROBOT_PRESETS[
 
 
 def reading(*effects: Effect, begun: float = 0.0) -> Floats:
-    """Compression, m, that the array reports of a touch at the top of a ball of 30 mm."""
+    """Compression that the array measures at the top of a ball of 30 mm, m."""
     start = Pose(np.array([0.0, 0.0, 0.033]), FACING_DOWN)
     touch = SimulatedTouch(
         BALL, 0, start, start, reach=0.01, depth=1e-3, begun=begun, previous=begun
@@ -29,15 +29,15 @@ def reading(*effects: Effect, begun: float = 0.0) -> Floats:
     return touch.reading
 
 
-def test_all_taxels_of_a_touch_hum_alike() -> None:
-    """The hum is no larger than it was asked for."""
+def test_hum_is_the_same_in_all_taxels() -> None:
+    """The hum is at most its amplitude."""
     hum = reading(Template(size=1e-5)) - reading()
     assert np.allclose(hum, hum[0, 0], rtol=0.0, atol=1e-12)
     assert abs(hum[0, 0]) <= 1e-5
 
 
-def test_the_hum_is_another_at_another_time() -> None:
-    """Half a period later it has the other sign."""
+def test_hum_changes_sign_after_half_a_period() -> None:
+    """Two touches are half a period apart."""
     first, later = (
         (reading(Template(size=1e-5), begun=begun) - reading(begun=begun))[0, 0]
         for begun in (0.0, 0.01)

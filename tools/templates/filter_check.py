@@ -1,6 +1,6 @@
-"""What must hold of the filter template. Run it with ``python -m pytest`` in this folder.
+"""Tests of the filter template. Run them with ``python -m pytest`` in this folder.
 
-Frames show a ball's imprint, 1 mm deep, in an array of 16 x 16 taxels at 1 mm.
+Frames show the imprint of a ball, 1 mm deep, in an array of 16 x 16 taxels at 1 mm.
 """
 
 from __future__ import annotations
@@ -24,26 +24,26 @@ IMPRINT: Floats = np.maximum(1e-3 - (AXIS[:, None] ** 2 + AXIS**2) / 0.04, 0.0)
 
 
 def frame(compression: Floats, touch: int = 0) -> tuple[str, TactileFrame]:
-    """What the filter receives of one touch; fields that do not matter are 0."""
+    """Frame of a touch; unused fields are 0."""
     array = calibration_of_info(INFO).encode(compression)
     return "/touch/raw", example(TactileFrame, touch=touch, outcome="hit", array=array)
 
 
 def images(*frames: tuple[str, TactileFrame]) -> list[TactileImage]:
-    """What it publishes of these frames."""
+    """Images that the filter publishes for frames."""
     published = drive(NODE, [("/touch/info", INFO), *frames])
     return messages_on(published, "/touch/image")
 
 
-def test_a_quiet_frame_comes_through_as_it_is() -> None:
+def test_a_frame_without_noise_is_not_changed() -> None:
     """Without noise and impulses there is nothing to clean."""
     [image] = images(frame(IMPRINT))
     assert np.allclose(image.compression, IMPRINT, rtol=0.0, atol=1e-12)
     assert np.array_equal(image.mask, np.greater(IMPRINT, Params().contact))
 
 
-def test_an_impulse_is_taken_out_and_what_is_about_it_stays() -> None:
-    """One taxel that sticks out is put where the surface is, within a tenth of the pitch."""
+def test_an_impulse_is_removed_and_its_neighbours_stay() -> None:
+    """The taxel with the impulse is put on the surface, within a tenth of the pitch."""
     struck = IMPRINT.copy()
     struck[6, 7] += 1e-3
     [image] = images(frame(struck))
@@ -51,7 +51,7 @@ def test_an_impulse_is_taken_out_and_what_is_about_it_stays() -> None:
 
 
 def test_noise_of_a_frame_is_no_larger_than_before() -> None:
-    """Whatever the steps do, they add no noise of their own."""
+    """The steps add no noise."""
     pad: Pad = pad_of_info(INFO)
     noise = 1e-5 * np.random.default_rng(1).standard_normal(IMPRINT.shape)
     cleaned = clean(pad, IMPRINT + noise, 1e-5, Params().contact, Params().order)
@@ -60,5 +60,5 @@ def test_noise_of_a_frame_is_no_larger_than_before() -> None:
 
 
 def test_a_frame_that_comes_twice_is_published_once() -> None:
-    """A link may deliver a frame again."""
+    """A network link may deliver a frame twice."""
     assert len(images(frame(IMPRINT), frame(IMPRINT), frame(IMPRINT, touch=1))) == 2

@@ -1,4 +1,4 @@
-"""Template of a planner: first what was not touched, then what bows. Make it yours.
+"""Template of a planner: untouched parts first, then parts that bow. Adapt it.
 
 Name it in a scene, and start palpate in the folder of this file:
 
@@ -6,10 +6,10 @@ Name it in a scene, and start palpate in the folder of this file:
       planner: template:Template
       settings: {most_bow: 4.0}
 
-What a planner is told, and what it may answer: `palpate.planning.Observation` and
-`palpate.planning.Choice`. It remembers nothing: all that it goes by is in `observation`, so
-that a recorded run can be planned again. Every length is in one unit, but it is not said which:
-compare lengths with lengths that are given, and put no number of your own beside them.
+Inputs and outputs of a planner: `palpate.planning.Observation` and `palpate.planning.Choice`. A
+planner has no memory: it decides from `observation` alone, so that a recorded run can be planned
+again. All lengths have the same, unknown unit: compare them with lengths of the observation, and
+never with a number of your own.
 """
 
 from __future__ import annotations
@@ -38,23 +38,23 @@ from palpate.planning import (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Template:
-    """Goes where nothing was touched, and then to where the side bows between two slices."""
+    """Chooses slices in untouched spans, then where the side bows between two slices."""
 
-    # Bow between two slices over the tolerance: above 1, for the slopes tell most of it.
+    # Bow between two slices over the tolerance; above 1, since slopes are measured as well.
     most_bow: Annotated[float, Range(0.1, 100.0, "1")] = 4.0
 
     def __post_init__(self) -> None:
         check_ranges(self)
 
     def next(self, observation: Observation) -> Choice:
-        """The next slice, or that there is none: called whenever a slice has come back."""
-        # Between the first and the last height: the ends themselves are touched in another way.
+        """The next slice, or a reason to stop or wait; called when a slice is finished."""
+        # Slices lie between the first and the last height; ends are touched in another way.
         low, high = first_and_last(observation)
         spans = untouched_spans(observation)
-        over = exhausted_budget(observation)
-        if over is not None:
-            return Stop(over)
-        # Never where a slice was tried, whatever came of it, and never near another finger.
+        exhausted = exhausted_budget(observation)
+        if exhausted is not None:
+            return Stop(exhausted)
+        # No height is tried twice, also after a failure, and none near another finger.
         for wanted in (0.5 * (low + high), high, low):
             height = free_height(observation, wanted, Span(wanted, wanted))
             if height is not None:
@@ -76,7 +76,7 @@ class Template:
 
 
 def _middle(observation: Observation, spans: Sequence[Span]) -> float | None:
-    """The middle of the longest stretch that has room for one slice more."""
+    """Middle of the longest span with room for another slice."""
     for span in longest_first(spans, observation.feature):
         height = free_height(observation, span.middle, span)
         if height is not None:
@@ -85,18 +85,18 @@ def _middle(observation: Observation, spans: Sequence[Span]) -> float | None:
 
 
 def _bows(observation: Observation) -> list[tuple[Span, float]]:
-    """Stretches between slices, and how far the side bows out from the straight line there."""
-    # A slice that could not be traced tells nothing; nor does one beyond an end that has moved.
+    """Spans between slices, and the bow of the side from the straight line there."""
+    # Slices that failed, or that lie beyond an end that has moved, are left out.
     inside = [
-        one
-        for one in observation.slices
-        if one.usable and observation.low < one.height < observation.high
+        traced
+        for traced in observation.slices
+        if traced.usable and observation.low < traced.height < observation.high
     ]
-    found = []
-    for below, above in pairwise(sorted(inside, key=lambda one: one.height)):
+    bows = []
+    for below, above in pairwise(sorted(inside, key=lambda traced: traced.height)):
         span = Span(below.height, above.height)
-        # An arc that turns by an angle rises over its chord by an eighth of both.
+        # The bow of a flat arc is its turning angle times its chord, over 8.
         turns = np.arctan(above.slopes) - np.arctan(below.slopes)
         chords = np.hypot(span.length, above.radii - below.radii)
-        found.append((span, float(np.abs(turns * chords).mean()) / 8.0))
-    return found
+        bows.append((span, float(np.abs(turns * chords).mean()) / 8.0))
+    return bows

@@ -1,7 +1,7 @@
-"""What must hold of the planner Template. Run it with ``python -m pytest`` in this folder.
+"""Tests of the planner Template. Run them with ``python -m pytest`` in this folder.
 
-`PlannerTrial` answers for an object of a formula, at once: no touch is simulated. `TUNED` has
-sixteen.
+`PlannerTrial` computes slices of an object from a formula; no touch is simulated. `TUNED` has
+sixteen objects.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ from palpate.planning import (
 )
 from palpate.tools.templates.planner import Template
 
-TOLERANCE = 0.0025  # Root mean square error that is asked for, over the object's height
+TOLERANCE = 0.0025  # demanded rms error, over the object's height
 
 
 def test_everything_a_pad_can_touch_is_touched() -> None:
-    """On each object the plan ends, and leaves nothing untouched that is larger than a feature."""
+    """On all objects the plan ends, and no untouched span is larger than a feature."""
     for name, radius in TUNED.items():
         slices, stop = run_planner(Template(), PlannerTrial(radius), TOLERANCE)
         assert stop is not None, f"{name}: no end after {len(slices)} slices"
@@ -37,7 +37,7 @@ def test_everything_a_pad_can_touch_is_touched() -> None:
 
 
 def test_the_side_is_within_tolerance_where_palpate_says_so() -> None:
-    """`PlannerTrial` knows the truth, and rebuilds the side from positions and slopes."""
+    """`PlannerTrial` has the truth, and rebuilds the side from positions and slopes."""
     for name, radius in TUNED.items():
         trial = PlannerTrial(radius)
         slices, _ = run_planner(Template(), trial, TOLERANCE)
@@ -45,18 +45,18 @@ def test_the_side_is_within_tolerance_where_palpate_says_so() -> None:
         assert not met or trial.rms(slices) < TOLERANCE, name
 
 
-def test_no_height_is_asked_for_twice_and_none_beyond_the_ends() -> None:
-    """Nor is one of the ends themselves."""
+def test_heights_are_distinct_and_between_the_ends() -> None:
+    """The heights of the ends are excluded."""
     for radius in TUNED.values():
         slices, _ = run_planner(Template(), PlannerTrial(radius), TOLERANCE)
         observation = observation_of(slices, TOLERANCE)
-        heights = [one.height for one in slices]
+        heights = [traced.height for traced in slices]
         assert len(set(heights)) == len(heights)
         assert observation.low < min(heights) <= max(heights) < observation.high
 
 
 def test_the_plan_in_millimetres_is_the_plan_in_metres() -> None:
-    """A planner that compares a length with a number of its own fails here."""
+    """Fails for a planner that compares a length with a number of its own."""
     slices, _ = run_planner(Template(), PlannerTrial(TUNED["vase"]), TOLERANCE)
     for count in range(len(slices) + 1):
         observation = observation_of(slices[:count], TOLERANCE)
@@ -71,7 +71,7 @@ def test_the_plan_in_millimetres_is_the_plan_in_metres() -> None:
 
 
 def test_a_plan_ends_where_nothing_can_be_traced() -> None:
-    """Every slice fails; the planner must not ask for ever."""
+    """All slices fail; the planner has to stop."""
     slices = tuple[ObservedSlice, ...]()
     while isinstance(choice := Template().next(observation_of(slices, TOLERANCE)), Height):
         slices = (*slices, lost_slice(choice.height))
@@ -80,15 +80,15 @@ def test_a_plan_ends_where_nothing_can_be_traced() -> None:
 
 
 def test_the_budget_is_kept() -> None:
-    """Nothing more is begun when it would be overrun."""
+    """The planner stops when the budget is spent."""
     observation = replace(
         observation_of((), TOLERANCE), budget=Budget(most_touches=100, touches=100)
     )
     assert isinstance(Template().next(observation), Stop)
 
 
-def test_other_fingers_are_kept_away_from() -> None:
-    """Fingers at work are waited for where there is no room beside them."""
+def test_slices_keep_away_from_other_fingers() -> None:
+    """Without room beside another finger the planner waits."""
     observation = observation_of((), TOLERANCE)
     first = Template().next(observation)
     assert isinstance(first, Height)
@@ -103,17 +103,17 @@ def test_other_fingers_are_kept_away_from() -> None:
 
 
 def times(observation: Observation, unit: float) -> Observation:
-    """The same in another unit of length, of which the old one has so many."""
+    """An observation in a unit of length that is 1 / `unit` of the old one."""
 
-    def scaled(one: ObservedSlice) -> ObservedSlice:
+    def scaled(traced: ObservedSlice) -> ObservedSlice:
         return replace(
-            one,
-            height=one.height * unit,
-            radii=one.radii * unit,
-            curvatures=one.curvatures / unit,
-            contact_low=one.contact_low * unit,
-            contact_high=one.contact_high * unit,
-            deviation=one.deviation * unit,
+            traced,
+            height=traced.height * unit,
+            radii=traced.radii * unit,
+            curvatures=traced.curvatures / unit,
+            contact_low=traced.contact_low * unit,
+            contact_high=traced.contact_high * unit,
+            deviation=traced.deviation * unit,
         )
 
     names = ("low", "high", "tolerance", "resolution", "feature")

@@ -1,4 +1,4 @@
-"""Template of a planner: single touches, each where most of the error is expected. Make it yours.
+"""Template of a planner: single touches, each where the largest error is expected. Adapt it.
 
 Name it in a scene, and start palpate in the folder of this file:
 
@@ -6,10 +6,10 @@ Name it in a scene, and start palpate in the folder of this file:
       planner: template:Template
       settings: {least_gain: 0.001}
 
-It is told of the solid as it is known: `observation.surface`, a `palpate.planning.ObservedSurface`,
-has its triangles, the errors that are expected, and `offers`: touches that can be made, on a free
-way for the finger. It remembers nothing: all that it goes by is in `observation`, so that a
-recorded run can be planned again. Lengths are in m.
+`observation.surface`, a `palpate.planning.ObservedSurface`, is the solid rebuilt so far: its
+triangles, their expected errors, and `offers`, touches that the finger can reach on a free path. A
+planner has no memory: it decides from `observation` alone, so that a recorded run can be planned
+again. Lengths are in m.
 """
 
 from __future__ import annotations
@@ -34,20 +34,20 @@ from palpate.planning import (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Template:
-    """Touches what is known worst until every limit is kept."""
+    """Touches the places with the largest expected error until all limits are kept."""
 
-    single_touches: ClassVar[bool] = True  # No slices but the first: the solid may have any shape
-    # A touch must take this share of the squared error that is asked for, over the whole surface.
+    single_touches: ClassVar[bool] = True  # no slices but the first; the solid can have any shape
+    # Smallest gain of a touch, as a share of the demanded squared error over the whole surface.
     least_gain: Annotated[float, Range(0.0, 1.0, "1")] = 0.001
 
     def __post_init__(self) -> None:
         check_ranges(self)
 
     def next(self, observation: Observation) -> Choice:
-        """The next touch, or that there is none: called whenever one has come back."""
-        over = exhausted_budget(observation)
-        if over is not None:
-            return Stop(over)
+        """The next touch, or a reason to stop or wait; called when a touch is finished."""
+        exhausted = exhausted_budget(observation)
+        if exhausted is not None:
+            return Stop(exhausted)
         surface = observation.surface
         if surface is not None:
             return self._next_on(surface, observation)
@@ -60,13 +60,13 @@ class Template:
     def _next_on(self, surface: ObservedSurface, observation: Observation) -> Choice:
         if estimate_error(observation).reached:
             return Stop("every limit is kept")
-        # What each touch would take: of squared errors, or of what lies far from any touch.
+        # Gain of a touch: the squared errors at its places, or only those far from all touches.
         left = surface.left(observation.tried)
         wanted = self.least_gain * observation.tolerance**2 * len(left)
         if surface.rms_bound_95 <= observation.tolerance:
             left, wanted = np.where(surface.away, left, 0.0), 0.0
         gains = [float(left[offer.places].sum()) for offer in surface.offers]
         if max(gains, default=0.0) <= wanted:
-            return Stop("no touch is left that would tell much more")
+            return Stop("no further touch would reduce the error much")
         best = surface.offers[int(np.argmax(gains))]
         return Touch(best.pose, best.reach, best.target, "most of the error is expected there")

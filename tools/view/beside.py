@@ -1,4 +1,4 @@
-"""A view beside a run, as a process of its own: whatever becomes of it, the run goes on."""
+"""A view beside a run, as a separate process: its failure does not disturb the run."""
 
 from __future__ import annotations
 
@@ -10,14 +10,23 @@ from pathlib import Path
 
 from palpate.launch.processes.fork_server import until_ctrl_c
 
-PATIENCE = 5.0  # It is killed if it takes longer to end, s
-LOOK = 0.2  # Whether it still runs is looked at this often, s
-
 
 class ViewProcess:
-    """The process, which ends when its standard input does: also if this one is killed."""
+    """The process of a view, which ends with its standard input: also if this process is killed.
 
-    def __init__(self, folder: Path, echo: Callable[[str], None]) -> None:
+    `end_timeout` [s]: after it, a view that does not end is killed. `poll_interval` [s]: between
+    two looks whether it still runs.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        echo: Callable[[str], None],
+        *,
+        end_timeout: float = 5.0,
+        poll_interval: float = 0.2,
+    ) -> None:
+        self._end_timeout, self._poll_interval = end_timeout, poll_interval
         command = [
             sys.executable,
             "-P",
@@ -35,9 +44,9 @@ class ViewProcess:
             start_new_session=True,  # Ctrl-C is for the run, which ends it
         )
         assert self._process.stdout is not None
-        told = self._process.stdout.readline().decode().split()
-        self.address = told[1] if told[:1] == ["view"] else ""  # Nothing if it could not begin
-        echo(f"view  {self.address}" if self.address else "no view: it could not begin")
+        words = self._process.stdout.readline().decode().split()
+        self.address = words[1] if words[:1] == ["view"] else ""  # empty if it did not start
+        echo(f"view  {self.address}" if self.address else "no view: it could not start")
 
     def __enter__(self) -> ViewProcess:
         return self
@@ -47,14 +56,14 @@ class ViewProcess:
             assert process.stdin is not None
             process.stdin.close()
             try:
-                process.wait(PATIENCE)
+                process.wait(self._end_timeout)
             except subprocess.TimeoutExpired:
                 process.kill()
 
     def stay(self, echo: Callable[[str], None]) -> None:
-        """Wait for Ctrl-C, or for its own end."""
+        """Wait for Ctrl-C, or until the view ends."""
         with until_ctrl_c() as interrupted:
             if self.address:
                 echo(f"view stays at {self.address}; Ctrl-C ends it")
             while self._process.poll() is None and not interrupted():
-                time.sleep(LOOK)
+                time.sleep(self._poll_interval)

@@ -1,7 +1,7 @@
-"""The scene in the browser: nodes of viser for all that a timeline holds, shown as of a moment.
+"""The scene in the browser: nodes of viser for a timeline, shown at a moment.
 
 A node is made once and then only shown or hidden, so that a jump in time sends small messages. What
-changes with every touch (its patch, the contour that grows) is small, and is sent anew.
+changes with every touch (its patch, the contour that grows) is small, and is sent again.
 """
 
 from __future__ import annotations
@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 
 from palpate.core.arrays import Floats
 from palpate.tools.drawables import (
-    CONTACT_RADIUS,
     LAYERS,
-    TAXEL_RADIUS,
+    SIZES,
     Drawable,
     Faces,
     Finger,
@@ -32,27 +31,43 @@ from palpate.tools.view.glb import LIGHT, shaded, unlit_glb
 from palpate.tools.view.timeline import Moment, Timeline
 
 Colouring = Literal["plain", "deviation", "uncertainty"]
-MOST_TRIANGLES = 20_000  # Of one surface: drawn in software, more are slower than 5 frames a second
-MOST_SOLIDS = 48  # Kept in the browser
-CHUNK, EVERY = 32, 2  # Touches whose points are one node, and of which every second is drawn
-LINE_WIDTH, THIN = 4.0, 2.0  # Pixels; thin: of a contour that grows, and the lattice
-NO_SHADOW: dict[str, Any] = {"cast_shadow": False, "receive_shadow": False}  # They take long
-AXIS = 0.03  # Length of the pad's axis, m
-GRID, GRID_CELL = 0.4, 0.01  # Side of the floor and of its cells, m
-NARROW = 0.7  # Width by height of a window under which the panel lies over its lower part
-SHEET = 0.3  # Share of the height that the panel takes there
-OPENING = 0.6  # Of the camera, radians of the whole height
+NO_SHADOW: dict[str, Any] = {"cast_shadow": False, "receive_shadow": False}  # shadows are slow
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SceneSettings:
+    """Limits of what a browser draws, and sizes in the scene.
+
+    With more triangles, drawing in software is slower than 5 frames a second.
+    """
+
+    max_triangles: int = 20_000  # of a surface
+    max_solids: int = 48  # kept in the browser
+    chunk_touches: int = 32  # whose points are one node
+    taxel_stride: int = 2  # from one drawn point of a chunk to the next
+    line_width: float = 4.0  # [pixels]
+    thin_width: float = 2.0  # [pixels] of a growing contour and of the lattice
+    axis_length: float = 0.03  # [m] of the line behind a pad
+    floor_size: float = 0.4  # [m] side of the floor
+    floor_cell: float = 0.01  # [m] side of its cells
+    opening: float = 0.6  # [rad] of the camera, over the whole height
+    near: float = 0.002  # [m] from the camera, below which nothing is drawn
+    max_narrow_aspect: float = 0.7  # width over height of a window whose panel covers its bottom
+    panel_share: float = 0.3  # of the height of such a window, that the panel covers
+
+
+DEFAULT_SCENE = SceneSettings()
 
 
 class Scale(NamedTuple):
-    """What the colours of the solid mean."""
+    """Meaning of the colours of the solid."""
 
     name: Colouring
-    top: float  # Value of the last colour, m
+    top: float  # value of the last colour [m]
 
 
-class Wishes(NamedTuple):
-    """What is wanted to be seen."""
+class ViewOptions(NamedTuple):
+    """What is chosen to be seen."""
 
     colouring: Colouring = "plain"
     layers: frozenset[str] = frozenset()
@@ -64,48 +79,49 @@ class Scene:
 
     server: viser.ViserServer
     line: Timeline
-    scale: Scale | None = None  # Of the solid that is shown
-    triangles: tuple[int, int] = (0, 0)  # Of the solid: shown, and those that it has
-    _nodes: dict[str, Any] = field(default_factory=dict)  # By name
+    settings: SceneSettings = DEFAULT_SCENE
+    scale: Scale | None = None  # of the solid that is shown
+    triangles: tuple[int, int] = (0, 0)  # of that solid: drawn, and all
+    _nodes: dict[str, Any] = field(default_factory=dict)  # by name
     _visible: set[str] = field(default_factory=set)
-    _scales: dict[str, Scale | None] = field(default_factory=dict)  # By name of a solid
+    _scales: dict[str, Scale | None] = field(default_factory=dict)  # by name of a solid
     _thinned: dict[object, tuple[NDArray[np.intp], Faces]] = field(default_factory=dict)
-    _made: dict[str, Any] = field(default_factory=dict)  # Of what each node was made, by name
-    _aimed: bool = False
+    _sources: dict[str, Any] = field(default_factory=dict)  # of what each node was made, by name
+    _has_camera: bool = False
 
     def __post_init__(self) -> None:
         scene = self.server.scene
         scene.configure_environment_map(None)
         scene.configure_default_lights(False, cast_shadow=False)
         scene.add_light_hemisphere("/sky", ground_color=(150, 150, 160), intensity=1.2)
-        scene.add_light_directional("/sun", intensity=2.0, position=LIGHT)
+        scene.add_light_directional("/sun", intensity=2.0, position=LIGHT.direction().tolist())
 
-    def show(self, moment: Moment, wishes: Wishes) -> None:
-        """Show what there was at a moment."""
+    def show(self, moment: Moment, options: ViewOptions) -> None:
+        """Show a moment."""
         self._aim()
         with self.server.atomic():
-            wanted = {*self._drawn(moment, wishes), *self._patch(moment)}
+            wanted = {*self._drawn(moment, options), *self._patch(moment)}
             for name in self._visible ^ wanted:
                 self._nodes[name].visible = name in wanted
         self._visible = wanted
 
-    def prepare(self, wishes: Wishes) -> bool:
-        """Make one solid that a jump may ask for; false if all are there."""
-        for model in self.line.models[-MOST_SOLIDS:]:
-            shapes = (one.shape for one in self.line.of(model))
-            mesh = next(one for one in shapes if isinstance(one, Mesh))
-            if _solid_name(model.number, mesh, wishes.colouring) not in self._nodes:
-                self._make_solid(model.number, mesh, wishes.colouring)
+    def prepare(self, options: ViewOptions) -> bool:
+        """Make one solid that a jump may need; false if none is missing."""
+        for model in self.line.models[-self.settings.max_solids :]:
+            shapes = (drawable.shape for drawable in self.line.drawables_of(model))
+            mesh = next(shape for shape in shapes if isinstance(shape, Mesh))
+            if _solid_name(model.number, mesh, options.colouring) not in self._nodes:
+                self._make_solid(model.number, mesh, options.colouring)
                 return True
         return False
 
-    def _put(self, name: str, make: Callable[..., Any], *what: Any, **how: Any) -> str:
-        self._nodes[name] = make(name, *what, visible=name in self._visible, **how)
+    def _put(self, name: str, make: Callable[..., Any], *what: Any, **looks: Any) -> str:
+        self._nodes[name] = make(name, *what, visible=name in self._visible, **looks)
         return name
 
-    def _put_mesh(self, name: str, vertices: Floats, faces: Faces, **how: Any) -> str:
+    def _put_mesh(self, name: str, vertices: Floats, faces: Faces, **looks: Any) -> str:
         add = self.server.scene.add_mesh_simple
-        return self._put(name, add, vertices, faces, **NO_SHADOW, **how)
+        return self._put(name, add, vertices, faces, **NO_SHADOW, **looks)
 
     def _put_glb(self, name: str, body: bytes) -> str:
         return self._put(name, self.server.scene.add_glb, body, **NO_SHADOW)
@@ -117,105 +133,116 @@ class Scene:
             points,
             colour,
             point_size=radius,
-            point_shape="square" if radius == TAXEL_RADIUS else "circle",  # many, and small
+            point_shape="square"
+            if radius == SIZES.taxel_radius
+            else "circle",  # taxels are many and small
             point_shading="flat",
             precision="float32",
         )
 
     def _put_lines(self, name: str, segments: Floats, colour: Any, width: float) -> str:
-        """Lines (n, 2, 3), of a width in pixels."""
+        """Put line segments (n, 2, 3); `width` [pixels]."""
         add = self.server.scene.add_line_segments
         return self._put(name, add, segments, colour, thickness=width, thickness_units="screen")
 
     def _aim(self) -> None:
-        """Point the camera at what there is, once, and lay the floor."""
+        """Aim the camera and lay the floor, once, as soon as there is something to see."""
         world, known = self.line.world, self.line.truth or self.line.touches or self.line.grasps
-        if self._aimed or not known:
+        if self._has_camera or not known:
             return
-        self._aimed = True
+        self._has_camera = True
         low, _ = self.line.bounds()
         centre = (0.0, 0.0) if world is None else (float(world.centre[0]), float(world.centre[1]))
         floor = float(low[2]) if world is None or world.held else world.platform
         self.server.scene.add_grid(
             "/floor",
-            GRID,
-            GRID,
-            cell_size=GRID_CELL,
-            section_size=5 * GRID_CELL,
+            self.settings.floor_size,
+            self.settings.floor_size,
+            cell_size=self.settings.floor_cell,
+            section_size=5 * self.settings.floor_cell,
             position=(*centre, floor),
         )
         camera = self.server.initial_camera
-        camera.fov, camera.near = OPENING, 0.002
+        camera.fov, camera.near = self.settings.opening, self.settings.near
         camera.position, camera.look_at = self.camera(1.0)
         for client in self.server.get_clients().values():
-            self.point(client.camera)
+            self.aim(client.camera)
 
     def camera(self, aspect: float) -> tuple[Floats, Floats]:
-        """Where the camera begins, and what it looks at, in a window as wide by its height."""
+        """First position of the camera, and its target, in a window of this width over height."""
         low, high = self.line.bounds()
-        middle, half = 0.5 * (low + high), 0.5 * float(np.linalg.norm(high - low)) + AXIS
-        back = np.array([0.45, -0.82, 0.36]) * half / np.sin(0.5 * OPENING) / min(aspect, 1.0)
-        if aspect < NARROW:
-            middle = middle - [0.0, 0.0, SHEET * np.tan(0.5 * OPENING) * np.linalg.norm(back)]
+        middle, half_opening = 0.5 * (low + high), 0.5 * self.settings.opening
+        radius = 0.5 * float(np.linalg.norm(high - low)) + self.settings.axis_length
+        back = np.array([0.45, -0.82, 0.36]) * radius / np.sin(half_opening) / min(aspect, 1.0)
+        if self.is_narrow(aspect):
+            covered = self.settings.panel_share * np.tan(half_opening) * np.linalg.norm(back)
+            middle = middle - [0.0, 0.0, covered]
         return middle + back, middle
 
-    def point(self, camera: viser.CameraHandle) -> None:
-        """Have somebody's camera begin."""
+    def is_narrow(self, aspect: float) -> bool:
+        """Whether the panel covers the bottom of a window of this width over height."""
+        return aspect < self.settings.max_narrow_aspect
+
+    def aim(self, camera: viser.CameraHandle) -> None:
+        """Put the camera of a client to its first position."""
         position, target = self.camera(camera.aspect)
-        camera.fov, camera.near = OPENING, 0.002
+        camera.fov, camera.near = self.settings.opening, self.settings.near
         camera.position, camera.look_at = position, target
 
-    def _drawn(self, moment: Moment, wishes: Wishes) -> Iterator[str]:
-        """The nodes of a moment, of which those that are new are made."""
+    def _drawn(self, moment: Moment, options: ViewOptions) -> Iterator[str]:
+        """Names of the nodes of a moment; makes those that are missing."""
         self.scale, self.triangles, taxels = None, (0, 0), list[Points]()
-        for one in self.line.drawn(moment, wishes.layers):
-            match one.shape:
-                case Points(radius=radius) as points if radius == TAXEL_RADIUS:
+        for drawable in self.line.drawn(moment, options.layers):
+            match drawable.shape:
+                case Points(radius=radius) as points if radius == SIZES.taxel_radius:
                     taxels.append(points)
                 case Finger(pad=pad) as finger if pad is not None:
-                    yield self._finger(f"/{one.path}", finger)
-                case Mesh() as mesh if one.layer == "solid":
-                    yield self._solid(one.facts["number"], mesh, wishes.colouring)
+                    yield self._finger(f"/{drawable.path}", finger)
+                case Mesh() as mesh if drawable.layer == "solid":
+                    yield self._solid(drawable.facts["number"], mesh, options.colouring)
                 case Mesh() | Lines() | Points() as shape:
-                    name = f"/{one.path}" if one.time is None else f"/{one.path}/{one.time}"
-                    if self._made.get(name) is not shape:
-                        self._made[name] = shape
-                        self._make(name, one)
+                    path, time = drawable.path, drawable.time
+                    name = f"/{path}" if time is None else f"/{path}/{time}"
+                    if self._sources.get(name) is not shape:
+                        self._sources[name] = shape
+                        self._make(name, drawable)
                     yield name
-        for first in range(0, len(taxels), CHUNK):
-            yield self._chunk(f"/touched/taxels/{first}", taxels[first : first + CHUNK])
+        size = self.settings.chunk_touches
+        for first in range(0, len(taxels), size):
+            yield self._chunk(f"/touched/taxels/{first}", taxels[first : first + size])
 
-    def _make(self, name: str, one: Drawable) -> None:
-        layer = LAYERS[one.layer]
-        match one.shape:
+    def _make(self, name: str, drawable: Drawable) -> None:
+        layer, settings = LAYERS[drawable.layer], self.settings
+        match drawable.shape:
             case Points() as points:
                 self._put_points(name, points.lifted(), points.radius, layer.rgb)
             case Lines() as lines:
-                thin = one.layer == "lattice" or "growing" in one.path
-                self._put_lines(name, lines.pieces(), layer.rgb, THIN if thin else LINE_WIDTH)
+                is_thin = drawable.layer == "lattice" or "growing" in drawable.path
+                width = settings.thin_width if is_thin else settings.line_width
+                self._put_lines(name, lines.pieces(), layer.rgb, width)
             case Mesh() as mesh:
-                kept, faces = thinned(mesh.vertices, mesh.faces, MOST_TRIANGLES)
-                how = {"color": layer.rgb, "opacity": layer.opacity}
-                self._put_mesh(name, mesh.vertices[kept], faces, **how)
+                kept, faces = thinned(mesh.vertices, mesh.faces, settings.max_triangles)
+                looks = {"color": layer.rgb, "opacity": layer.opacity}
+                self._put_mesh(name, mesh.vertices[kept], faces, **looks)
 
     def _chunk(self, name: str, taxels: list[Points]) -> str:
         """Touched points of several touches."""
-        made = [id(one.points) for one in taxels]
-        if self._made.get(name) != made:
-            self._made[name] = made
-            points = np.concatenate([one.lifted()[::EVERY] for one in taxels])
-            self._put_points(name, points, TAXEL_RADIUS, LAYERS["touched"].rgb)
+        sources, stride = [id(touch.points) for touch in taxels], self.settings.taxel_stride
+        if self._sources.get(name) != sources:
+            self._sources[name] = sources
+            points = np.concatenate([touch.lifted()[::stride] for touch in taxels])
+            self._put_points(name, points, SIZES.taxel_radius, LAYERS["touched"].rgb)
         return name
 
     def _patch(self, moment: Moment) -> Iterator[str]:
-        """What the last touch of each finger felt."""
+        """Name of the node of the points that the last touch of each finger met."""
         past = self.line.touches[: moment.touches]
-        last = [one.touched() for one in {one.finger: one for one in past}.values()]
-        made = [id(one.points) for one in last]
-        if made and self._made.get("/patch") != made:
-            self._made["/patch"] = made
-            points = np.concatenate([one.lifted() for one in last])
-            self._put_points("/patch", points, CONTACT_RADIUS, LAYERS["touched"].rgb)
+        last = [touch.touched() for touch in {touch.finger: touch for touch in past}.values()]
+        sources = [id(points.points) for points in last]
+        if sources and self._sources.get("/patch") != sources:
+            self._sources["/patch"] = sources
+            points = np.concatenate([cloud.lifted() for cloud in last])
+            self._put_points("/patch", points, SIZES.contact_radius, LAYERS["touched"].rgb)
         if last:
             yield "/patch"
 
@@ -227,9 +254,11 @@ class Scene:
             self._put_mesh(name, *body, color=colour, opacity=opacity, side="double")
             self.server.scene.add_line_segments(
                 f"{name}/axis",
-                np.array([[[0.0, 0.0, -AXIS], [0.0, 0.0, -finger.pad.thickness]]]),
+                np.array(
+                    [[[0.0, 0.0, -self.settings.axis_length], [0.0, 0.0, -finger.pad.thickness]]]
+                ),
                 colour,
-                thickness=LINE_WIDTH,
+                thickness=self.settings.line_width,
                 thickness_units="screen",
             )
         self._nodes[name].position = finger.pose[:3]
@@ -247,20 +276,20 @@ class Scene:
     def _make_solid(self, number: object, mesh: Mesh, colouring: Colouring) -> None:
         name = _solid_name(number, mesh, colouring)
         if number not in self._thinned:
-            self._thinned[number] = thinned(mesh.vertices, mesh.faces, MOST_TRIANGLES)
+            self._thinned[number] = thinned(mesh.vertices, mesh.faces, self.settings.max_triangles)
         kept, faces = self._thinned[number]
         values = None if colouring == "plain" else mesh.scalars(colouring, kept).get(colouring)
         self._scales[name] = None if values is None else Scale(colouring, scale_top(values))
-        places, colours = mesh.vertices[kept], np.array(LAYERS["solid"].rgb, np.uint8)
+        vertices, colours = mesh.vertices[kept], np.array(LAYERS["solid"].rgb, np.uint8)
         if values is not None:
             colours = shades(values, scale_top(values))
-        self._put_glb(name, unlit_glb(places, faces, shaded(places, faces, colours)))
-        old = [one for one in self._scales if one not in self._visible and one != name]
-        for one in old[: max(0, len(self._scales) - MOST_SOLIDS)]:
-            self._nodes.pop(one).remove()
-            del self._scales[one]
+        self._put_glb(name, unlit_glb(vertices, faces, shaded(vertices, faces, colours)))
+        hidden = [solid for solid in self._scales if solid not in self._visible and solid != name]
+        for old in hidden[: max(0, len(self._scales) - self.settings.max_solids)]:
+            self._nodes.pop(old).remove()
+            del self._scales[old]
 
 
 def _solid_name(number: object, mesh: Mesh, colouring: Colouring) -> str:
-    """Name of a node; a mesh of which nothing is known of what is asked for is drawn plain."""
+    """Name of the node of a solid, which is drawn plain if the values to colour it are unknown."""
     return f"/solid/{colouring if colouring in mesh.known else 'plain'}/{number}"

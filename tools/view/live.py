@@ -1,7 +1,7 @@
 """A run shown in the browser on this machine alone: a recording played, or a graph as it runs.
 
-A graph is never held up: its messages come as copies, as to palpate topic echo, and what was
-published before is asked for, as by palpate bag record.
+A view never delays a graph: it receives copies of messages, as palpate topic echo does, and asks
+for what was published before, as palpate bag record does.
 """
 
 from __future__ import annotations
@@ -27,29 +27,38 @@ from palpate.launch.processes.registry import RunCard, find_run, running_graphs
 from palpate.launch.run_directory import RUNS, SUMMARY, find_bag
 from palpate.tools.bag.live_recording import GraphMessages
 from palpate.tools.introspection.topics import is_running, message_of, topics_of
-from palpate.tools.view.browser import NARROW, Scene
+from palpate.tools.view.browser import Scene
 from palpate.tools.view.panel import FORWARD, SPEEDS, Panel
 from palpate.tools.view.timeline import TYPES_DRAWN, Timeline, read_timeline
 
 HOST = "127.0.0.1"
-PORTS = 20  # That are tried from the asked one on
-TICK = 0.05  # Robot time passes this often, s
-NICE = 10  # A view beside a run gives way to it
-AWAITED = 0.25  # A graph that is to begin is looked for this often, s
 Echo = Callable[[str], None]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LiveSettings:
+    """How a view is served, and how often it is updated."""
+
+    n_ports: int = 20  # tried, from the requested one on
+    tick: float = 0.05  # [s] between two updates
+    niceness: int = 10  # of a view beside a run, which has priority
+    poll_interval: float = 0.25  # [s] between two looks for a graph that is about to start
+
+
+DEFAULT_LIVE = LiveSettings()
 
 
 @dataclass(slots=True)
 class View:
-    """One view: a timeline, and where in robot time everybody who looks is."""
+    """One view: a timeline, and the robot time that all its clients see."""
 
     server: viser.ViserServer
     line: Timeline
     recorded: bool
-    following: bool = True  # A running graph is shown at its latest, else from its beginning
-    when: float = 0.0  # Robot time that is shown, s
+    following: bool = True  # whether a running graph is shown at its latest, else from its start
+    when: float = 0.0  # robot time that is shown [s]
     playing: bool = True
-    watched: bool = False  # Whether somebody has looked
+    watched: bool = False  # whether a client has connected
     panel: Panel = field(init=False)
     scene: Scene = field(init=False)
     _lock: threading.RLock = field(default_factory=threading.RLock)
@@ -62,34 +71,35 @@ class View:
         panel.steps.on_click(lambda event: self.step(1 if event.target.value == FORWARD else -1))
         panel.slider.on_update(self._scrubbed)
         panel.follow.on_update(lambda event: self.draw())
-        panel.on_wish(lambda _: self.draw())
+        panel.on_change(lambda _: self.draw())
         self.server.on_client_connect(self._welcome)
         self.draw()
 
     def _welcome(self, client: viser.ClientHandle) -> None:
         self.watched, narrow = True, list[bool]()
 
-        def point(camera: viser.CameraHandle) -> None:
-            if narrow != [camera.aspect < NARROW]:  # at first, and once its window has its shape
-                narrow[:] = [camera.aspect < NARROW]
-                self.scene.point(camera)
+        def aim(camera: viser.CameraHandle) -> None:
+            is_narrow = self.scene.is_narrow(camera.aspect)
+            if narrow != [is_narrow]:  # at first, and when the shape of its window is known
+                narrow[:] = [is_narrow]
+                self.scene.aim(camera)
 
-        point(client.camera)
-        client.camera.on_update(point)
+        aim(client.camera)
+        client.camera.on_update(aim)
 
     def _scrubbed(self, event: Any) -> None:
-        if event.client is not None:  # somebody's hand, and not the time that passes
+        if event.client is not None:  # a user moved it, not the passing time
             with self._lock:
                 self.seek(self.panel.scrubbed())
 
     def add(self, messages: list[Any]) -> None:
         """Take messages of a running graph."""
         with self._lock:
-            for one in messages:
-                self.line.add(one)
+            for message in messages:
+                self.line.add(message)
 
     def pass_time(self, seconds: float) -> None:
-        """Let so much time pass; what is to come is made ready meanwhile."""
+        """Advance by a time on the clock [s], and prepare one of the solids to come."""
         with self._lock:
             following = not self.recorded and self.panel.follow.value
             if self.playing and following:
@@ -100,29 +110,29 @@ class View:
                 self.when, self.playing = self.line.end, False
             self.when = min(self.when, self.line.end)
             self.draw()
-            self.scene.prepare(self.panel.wishes())
+            self.scene.prepare(self.panel.options())
 
     def finish(self) -> None:
-        """Go on as with a recording: the graph has ended."""
+        """Continue as with a recording, when the graph has ended."""
         with self._lock:
             self.recorded = self.panel.recorded = True
             self.panel.follow.visible = False
 
     def seek(self, when: float) -> None:
-        """Show a robot time, s, and stay there."""
+        """Show a robot time [s], and pause."""
         with self._lock:
             self.when, self.playing = min(when, self.line.end), False
             self.draw()
 
-    def step(self, way: int) -> None:
-        """Show the next touch, or the one before, and stay there."""
+    def step(self, count: int) -> None:
+        """Show the touch that is `count` touches later, and pause."""
         with self._lock:
-            number = self.line.at(self.when).touches - 1 + way
+            number = self.line.at(self.when).touches - 1 + count
             if 0 <= number < len(self.line.touches):
                 self.seek(self.line.touches[number].time)
 
     def toggle(self) -> None:
-        """Pause or go on; at its end a recording begins anew."""
+        """Pause or play; at its end a recording starts again."""
         with self._lock:
             if not self.playing and self.recorded and self.when >= self.line.end:
                 self.when = 0.0
@@ -132,39 +142,47 @@ class View:
     def draw(self) -> None:
         """Draw what has changed."""
         with self._lock:
-            moment, wishes = self.line.at(self.when), self.panel.wishes()
+            moment, options = self.line.at(self.when), self.panel.options()
             known = len(self.line.touches), len(self.line.scores), len(self.line.estimates)
-            what = (moment, wishes, known, self.line.truth is None, self.line.known.pad is None)
-            if what != self._drawn:
-                self._drawn = what
-                self.scene.show(moment, wishes)
+            state = (moment, options, known, self.line.truth is None, self.line.known.pad is None)
+            if state != self._drawn:
+                self._drawn = state
+                self.scene.show(moment, options)
             self.panel.play.label = "Pause" if self.playing else "Play"
             self.panel.show(self.line, self.when, moment, self.scene)
             self.panel.plot(self.line, moment, now=not self.playing)
 
 
-def view_run(run: Path | None, *, port: int, attached: bool = False, echo: Echo) -> None:
-    """Show a run, named by its directory, its recording or, while it runs, its name, until Ctrl-C.
+def view_run(
+    run: Path | None,
+    *,
+    port: int,
+    attached: bool = False,
+    echo: Echo,
+    settings: LiveSettings = DEFAULT_LIVE,
+) -> None:
+    """Show a run until Ctrl-C.
 
-    Left out: the graph that `find_run` finds, or else the last run. `attached`: the run is about
-    to begin, and whoever begins it holds standard input open for as long as the view shall last.
-    Raises InputError if there is none, or its recording cannot be read.
+    `run`: its directory, its recording or, while it runs, its name; None: the graph that `find_run`
+    returns, or else the last run. `attached`: the run is about to start, and its process holds
+    standard input open for as long as the view has to last. Raises InputError if there is no such
+    run, or its recording cannot be read.
     """
     with until_ctrl_c() as interrupted:
-        ended = _until_parent_ends(interrupted) if attached else interrupted
+        ended = _until_parent_ends(interrupted, settings.niceness) if attached else interrupted
         card = None if attached else _running(run)
         line = Timeline() if attached or card is not None else _recorded(run or _last_run())
-        with serving(port) as server:
+        with serving(port, settings.n_ports) as server:
             echo(f"view  {address_of(server)}  (Ctrl-C ends it)")
             if attached and run is not None:
-                card = _awaited(run, ended)
+                card = _awaited(run, ended, settings.poll_interval)
                 if card is None and not ended():
                     line = _recorded(run)
             view = View(server, line, recorded=card is None, following=not attached)
-            if card is not None and show_graph(view, card, ended):
+            if card is not None and show_graph(view, card, ended, settings.tick):
                 view.finish()
                 echo(f"{card.name} has ended; the view stays")
-            stay(view, ended)
+            stay(view, ended, settings.tick)
 
 
 def _recorded(run: Path) -> Timeline:
@@ -174,18 +192,18 @@ def _recorded(run: Path) -> Timeline:
     return line
 
 
-def _awaited(run: Path, ended: Callable[[], bool]) -> RunCard | None:
-    """The graph of a run directory, once it runs; None if it is over, or the view is to end."""
+def _awaited(run: Path, ended: Callable[[], bool], poll_interval: float) -> RunCard | None:
+    """The graph of a run directory as soon as it runs; None if the run or the view ends first."""
     while not ended() and not (run / SUMMARY).exists():
         if (card := _running(run)) is not None:
             return card
-        time.sleep(AWAITED)
+        time.sleep(poll_interval)
     return None
 
 
-def _until_parent_ends(interrupted: Callable[[], bool]) -> Callable[[], bool]:
-    """Tells whether Ctrl-C came, or standard input has ended: that of a parent that was killed."""
-    os.nice(NICE)
+def _until_parent_ends(interrupted: Callable[[], bool], niceness: int) -> Callable[[], bool]:
+    """Test for Ctrl-C or the end of standard input, which comes when the parent process ends."""
+    os.nice(niceness)
 
     def ended() -> bool:
         if interrupted():
@@ -197,7 +215,7 @@ def _until_parent_ends(interrupted: Callable[[], bool]) -> Callable[[], bool]:
 
 
 def _running(run: Path | None) -> RunCard | None:
-    """The running graph that is meant, if there is one."""
+    """The running graph of this name, or the only one without a name; None if there is none."""
     cards = running_graphs()
     if not cards or (run is not None and not any(card.is_called(str(run)) for card in cards)):
         return None
@@ -211,16 +229,21 @@ def _last_run() -> Path:
     try:
         find_bag(RUNS / "latest")
     except InputError:
-        told = f"no graph of yours is running, and {RUNS}/latest holds no recording: name a run"
-        raise InputError(told) from None
+        raise InputError(
+            f"no graph of yours is running, and {RUNS}/latest holds no recording: name a run"
+        ) from None
     return RUNS / "latest"
 
 
 @contextmanager
-def serving(port: int) -> Iterator[viser.ViserServer]:
-    """A server on this machine alone, at the port or the next that is free."""
-    with redirect_stdout(io.StringIO()):  # it greets with a banner
-        server = viser.ViserServer(host=HOST, port=_free_port(port), label="palpate", verbose=False)
+def serving(port: int, n_ports: int = DEFAULT_LIVE.n_ports) -> Iterator[viser.ViserServer]:
+    """A server on this machine alone, at the first free of `n_ports` ports from `port` on.
+
+    Raises InputError if none is free.
+    """
+    port = _free_port(port, n_ports)
+    with redirect_stdout(io.StringIO()):  # viser prints a banner
+        server = viser.ViserServer(host=HOST, port=port, label="palpate", verbose=False)
     try:
         yield server
     finally:
@@ -228,45 +251,47 @@ def serving(port: int) -> Iterator[viser.ViserServer]:
             server.stop()
 
 
-def _free_port(port: int) -> int:
-    for one in range(port, min(port + PORTS, 1 << 16)):
+def _free_port(port: int, n_ports: int) -> int:
+    for number in range(port, min(port + n_ports, 1 << 16)):
         with socket.socket() as probe:
             probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             try:
-                probe.bind((HOST, one))
+                probe.bind((HOST, number))
             except OSError:
                 continue
-            return one
-    raise InputError(f"--port {port}: it is taken, and so are the {PORTS - 1} after it")
+            return number
+    raise InputError(f"--port {port}: it is taken, and so are the {n_ports - 1} after it")
 
 
 def address_of(server: viser.ViserServer) -> str:
-    """Where a browser on this machine finds it."""
+    """Address of a server for browsers on this machine."""
     return f"http://{HOST}:{server.get_port()}"
 
 
-def show_graph(view: View, card: RunCard, ended: Callable[[], bool]) -> bool:
-    """Show a graph until it ends, then true, or until the view is to end.
+def show_graph(
+    view: View, card: RunCard, ended: Callable[[], bool], tick: float = DEFAULT_LIVE.tick
+) -> bool:
+    """Show a graph until it or the view ends; returns whether the graph has ended.
 
-    Raises InputError if the graph was started by another version of palpate.
+    `tick` [s] between two updates. Raises InputError if the graph is of another version of palpate.
     """
     known = topics_of(card).values()
-    topics = {one.name: one for one in known if one.type in TYPES_DRAWN}
+    topics = {topic.name: topic for topic in known if topic.type in TYPES_DRAWN}
     with GraphMessages(card, [*topics.values()]) as messages:
-        for batch in messages.batches(tick=TICK):
+        for batch in messages.batches(tick=tick):
             with as_input_errors():
                 view.add([message_of(topics[name], head, body) for name, head, body in batch])
-            view.pass_time(TICK)
+            view.pass_time(tick)
             if ended():
                 return False
-    return not is_running(card)  # else it was Ctrl-C
+    return not is_running(card)  # else Ctrl-C came
 
 
-def stay(view: View, ended: Callable[[], bool]) -> None:
-    """Let time pass until it is ended."""
+def stay(view: View, ended: Callable[[], bool], tick: float = DEFAULT_LIVE.tick) -> None:
+    """Let time pass, in steps of `tick` [s], until the view has to end."""
     before = time.monotonic()
     while not ended():
-        time.sleep(TICK)
+        time.sleep(tick)
         now = time.monotonic()
         view.pass_time(now - before)
         before = now

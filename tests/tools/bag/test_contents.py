@@ -36,7 +36,7 @@ from palpate.tools.bag.playback import player_entry, read_remap
 from tests.tools.recordings import WORLD, frame, log, write_recording
 from tests.tools.toy_graph import NODES, Bends
 
-LOG = log(0.0, "x" * 100)
+LOG = log(value=0.0, text="x" * 100)
 MESSAGES = [("/world", WORLD), *[("/log", LOG)] * 30]
 GRAPH = json.dumps(
     [{"name": name, "module": "m", "params": {}, "inputs": [], "outputs": {}} for name in "ab"]
@@ -44,7 +44,7 @@ GRAPH = json.dumps(
 ABOUT = {"version": "1.2.3", "graph": GRAPH}
 
 
-def test_info_tells_topics_sizes_nodes_and_metadata(record, call):
+def test_info_shows_topics_sizes_nodes_and_metadata(record, call):
     path = record(MESSAGES, about=ABOUT)
     sizes = {"/log": 30 * len(encode(LOG)), "/world": len(encode(WORLD))}
     info = bag_info(path)
@@ -90,7 +90,7 @@ def test_info_tells_topics_sizes_nodes_and_metadata(record, call):
     assert len({len(line) for line in lines[-3:]}) == 1
 
 
-def test_info_of_cut_and_unclosed_recordings_tells_their_end(record, call):
+def test_info_of_damaged_recordings_shows_their_end(record, call):
     path = record(MESSAGES, closed=False)
     size = path.stat().st_size
     info = bag_info(path)
@@ -132,9 +132,6 @@ def test_info_of_no_recording_is_refused(tmp_path, data, words, refusal):
     )
 
 
-COUNT = 100
-
-
 def random_text(number: int) -> str:
     draw = random.Random(number)
     return "".join(draw.choices("abcdefghijklmnopqrstuvwxyz ", k=60))
@@ -142,7 +139,7 @@ def random_text(number: int) -> str:
 
 RANDOM = [
     ("/world", replace(WORLD, seed=i)) if i % 10 == 0 else ("/log", log(0.1 * i, random_text(i)))
-    for i in range(COUNT)
+    for i in range(100)
 ]
 
 
@@ -175,7 +172,7 @@ def stock_counts(path):
 
 def test_recovery_of_a_cut_keeps_exactly_its_whole_chunks(whole, tmp_path):
     reference, counts = kept(tmp_path / "topics.mcap"), counts_before(whole)
-    assert counts[-1] == COUNT and len(set(counts)) > 10
+    assert counts[-1] == 100 and len(set(counts)) > 10
     first = next(end for end, count in enumerate(counts) if count)
     cuts = {first, *random.Random(0).sample(range(first, len(whole)), 15), len(whole)}
     for end in cuts:
@@ -250,7 +247,7 @@ def test_log_times_never_decrease_across_parts(record):
     assert [one.publish_time for one in found] == [50, 40, 60]
 
 
-def test_recover_verb_tells_what_was_saved(record, tmp_path, call, refusal):
+def test_recover_command_reports_saved_messages(record, tmp_path, call, refusal):
     out = tmp_path / "new.mcap"
     saved = call("bag recover", record(RANDOM, closed=False), "-o", out).out
     assert saved.endswith("all that there is in topics.mcap, which was never closed\n")
@@ -317,9 +314,9 @@ def differ(tmp_path):
     """What is told of the differences between two recordings, line by line."""
 
     def do(a, b, *topics, first=None, second=None):
-        one = write_recording(tmp_path / "a.mcap", a, **{"types": TYPES, **(first or {})})
+        first_path = write_recording(tmp_path / "a.mcap", a, **{"types": TYPES, **(first or {})})
         other = write_recording(tmp_path / "b.mcap", b, **{"types": TYPES, **(second or {})})
-        return diff_text(compare_recordings(one, other, topics)).splitlines()
+        return diff_text(compare_recordings(first_path, other, topics)).splitlines()
 
     return do
 
@@ -360,14 +357,14 @@ def test_diff_counts_by_topic_and_compares_only_named_ones(differ):
         differ(A, [*A, A[1]])
 
 
-def test_diff_of_an_unclosed_recording_goes_as_far_as_it_goes(differ, tmp_path):
+def test_diff_of_unclosed_recording_compares_to_its_end(differ, tmp_path):
     late = {"closed": False, "sent": [10**9, 10**10]}
     lines = differ(A, A[:2], second=late)
-    assert lines[0] == f"{tmp_path / 'b.mcap'} was never closed: comparing as far as it goes"
+    assert lines[0] == f"{tmp_path / 'b.mcap'} was never closed: compared up to its end"
     assert lines[1] == "first difference: /out 0: only in A"
 
 
-def test_diff_verb_tells_by_its_exit_code(record, call, refusal, tmp_path):
+def test_diff_command_has_exit_code_of_result(record, call, refusal, tmp_path):
     a = record(A, types=TYPES, name="run/topics.mcap")
     b = record(A[:3], types=TYPES, name="b.mcap")
     assert call("bag diff", a, a.parent) == (0, "identical, 5 messages on 3 topics\n", "")
@@ -379,10 +376,10 @@ def test_diff_verb_tells_by_its_exit_code(record, call, refusal, tmp_path):
 
 
 @pytest.mark.parametrize("copied", [True, False])
-def test_recording_holds_what_was_published_before_it_began(graph, call, tmp_path, copied):
+def test_recording_has_messages_from_before_its_start(graph, call, tmp_path, copied):
     frames = [frame(touch) for touch in range(50)]  # more than come in one answer
-    for one in frames:
-        graph.publish("/t", one, copied=copied)
+    for sent in frames:
+        graph.publish("/t", sent, copied=copied)
     graph.publish("/own", Bends(goal=1, curvature=2.0))
     graph.start()
     path = tmp_path / "a.mcap"
@@ -390,10 +387,10 @@ def test_recording_holds_what_was_published_before_it_began(graph, call, tmp_pat
     first, last = out.splitlines()
     assert first == f"recording 2 topics of vase into {path}; Ctrl-C ends it"
     assert (code, last) == (0, f"{path}: 51 messages on 2 topics")
-    found = open_recording(path)
-    bodies = [one.body for one in found.messages() if one.topic == "/t"]
-    assert bodies == [encode(one) for one in frames] and found.closed
-    assert [one.name for one in recorded_nodes(found.graph)] == [one.name for one in NODES]
+    recording = open_recording(path)
+    bodies = [sent.body for sent in recording.messages() if sent.topic == "/t"]
+    assert bodies == [encode(sent) for sent in frames] and recording.closed
+    assert [sent.name for sent in recorded_nodes(recording.graph)] == [sent.name for sent in NODES]
     assert call("bag info", path).code == 0
 
 
@@ -415,7 +412,7 @@ def test_recordings_that_cannot_be_are_refused(graph, refusal, tmp_path):
     for topic, name, words in (
         ("/log", "a", "/log cannot be recorded"),
         ("/node/status", "a", "/node/status cannot be recorded"),
-        ("/none", "a", "nobody publishes /none"),
+        ("/none", "a", "no node publishes /none"),
         ("/t", "there", "there: exists already; it is not overwritten"),
     ):
         assert words in refusal("bag record -o", tmp_path / name, "--topics", topic)

@@ -43,7 +43,10 @@ def own(force: float, count: int, name: str, **table: float) -> Own:
     return Own(force=force, places=np.full((count, 3), force), name=name, table=table)
 
 
-OWN = [own(1.0, 2, "a", x=1.5, y=2.0), own(2.5, 5, "longer", y=3.0, z=-1.0)]
+OWN = [
+    own(force=1.0, count=2, name="a", x=1.5, y=2.0),
+    own(force=2.5, count=5, name="longer", y=3.0, z=-1.0),
+]
 
 
 SCHEMAS = {"Own": json.dumps(schema(Own))}
@@ -63,10 +66,10 @@ def recorded(record, messages):
 @FORMATS
 def test_each_format_is_written_whole_and_reported(explored, tmp_path, kind, call):
     out = tmp_path / "out"
-    code, told, _ = call("bag export", explored, "--format", kind, "-o", out)
+    code, text, _ = call("bag export", explored, "--format", kind, "-o", out)
     assert code == 0
-    assert re.fullmatch(rf"{out}: {COUNTS[kind]}\n", told.replace(LEFT_OUT, ""))
-    assert (LEFT_OUT in told) == (kind == "csv")
+    assert re.fullmatch(rf"{out}: {COUNTS[kind]}\n", text.replace(LEFT_OUT, ""))
+    assert (LEFT_OUT in text) == (kind == "csv")
     assert sorted(one.name for one in tmp_path.iterdir()) == ["out", "topics.mcap"]
 
 
@@ -119,10 +122,10 @@ def rows_of(path: Path) -> list[dict[str, str]]:
 
 
 def by_topic(messages):
-    found: dict[str, list[Any]] = {}
+    messages_of: dict[str, list[Any]] = {}
     for topic, message in messages:
-        found.setdefault(topic, []).append(message)
-    return found
+        messages_of.setdefault(topic, []).append(message)
+    return messages_of
 
 
 def test_csv_holds_every_field_of_every_message(recorded, messages, tmp_path):
@@ -132,18 +135,18 @@ def test_csv_holds_every_field_of_every_message(recorded, messages, tmp_path):
     units = json.loads((tmp_path / "out" / "units.json").read_text())
     names = {topic: topic.strip("/").replace("/", "_") + ".csv" for topic in known}
     written = {names[topic] for topic in known if topic not in ("/truth", "/model/shape")}
-    assert {one.name for one in (tmp_path / "out").glob("*.csv")} == units.keys() == written
+    assert {field.name for field in (tmp_path / "out").glob("*.csv")} == units.keys() == written
     for topic in known.keys() - {"/truth", "/model/shape"}:
         sent = known[topic]
         rows = rows_of(tmp_path / "out" / names[topic])
         assert list(rows[0])[:2] == ["seq", "sent_s"]
         assert not hasattr(sent[0], "robot_time") or list(rows[0])[2] == "robot_time"
         assert [row["seq"] for row in rows] == [str(place) for place in range(len(sent))]
-        assert [row["sent_s"] for row in rows] == [time for one, time in times if one == topic]
+        assert [row["sent_s"] for row in rows] == [time for field, time in times if field == topic]
         for row, message in zip(rows, sent, strict=True):
-            for one in fields(message):
-                value = getattr(message, one.name)
-                assert cells_of(row, one.name, value) == plain(value), (topic, one.name)
+            for field in fields(message):
+                value = getattr(message, field.name)
+                assert cells_of(row, field.name, value) == plain(value), (topic, field.name)
     rows = rows_of(tmp_path / "out" / "own.csv")
     assert (rows[0]["table.z"], rows[1]["table.x"]) == ("", "")
     assert units["touch_raw.csv"] == {
@@ -185,39 +188,39 @@ def check_arrays(arrays, stem: str, name: str, values: list[Any]) -> None:
     """One field of all messages of a topic, against the arrays that hold it."""
     key = f"{stem}.{name}"
     if isinstance(values[0], dict):
-        for part in {part for one in values for part in one}:
-            wanted = [one.get(part, np.nan) for one in values]
+        for part in {part for value in values for part in value}:
+            wanted = [value.get(part, np.nan) for value in values]
             np.testing.assert_array_equal(arrays[f"{key}.{part}"], wanted)
     elif f"{key}.shapes" in arrays:
         shapes = arrays[f"{key}.shapes"]
         ends = np.cumsum(shapes.prod(axis=1))[:-1]
-        for part, shape, one in zip(np.split(arrays[key], ends), shapes, values, strict=True):
-            np.testing.assert_array_equal(part.reshape(shape), one)
+        for part, shape, value in zip(np.split(arrays[key], ends), shapes, values, strict=True):
+            np.testing.assert_array_equal(part.reshape(shape), value)
     elif f"{key}.lengths" in arrays:
         lengths = arrays[f"{key}.lengths"]
-        assert lengths.tolist() == [len(one) for one in values]
-        for part, one in zip(np.split(arrays[key], np.cumsum(lengths)[:-1]), values, strict=True):
-            assert plain(part) == plain(one)
+        assert lengths.tolist() == [len(value) for value in values]
+        for part, value in zip(np.split(arrays[key], np.cumsum(lengths)[:-1]), values, strict=True):
+            assert plain(part) == plain(value)
     else:
-        found = arrays[key]
+        array = arrays[key]
         if isinstance(values[0], np.ndarray):
-            assert found.dtype == values[0].dtype
-        if any(one is None for one in values):
-            np.testing.assert_array_equal(found, np.array(values, float))
+            assert array.dtype == values[0].dtype
+        if any(value is None for value in values):
+            np.testing.assert_array_equal(array, np.array(values, float))
         else:
-            assert plain(found) == [plain(one) for one in values]
+            assert plain(array) == [plain(value) for value in values]
 
 
 def test_npz_holds_every_field_of_every_message(recorded, messages, tmp_path):
-    told = export_bag(recorded, "npz", tmp_path / "a.npz")
+    text = export_bag(recorded, "npz", tmp_path / "a.npz")
     with np.load(tmp_path / "a.npz", allow_pickle=False) as file:
         arrays = dict(file)
-    assert f": {len(arrays)} arrays of" in told
+    assert f": {len(arrays)} arrays of" in text
     for topic, sent in by_topic(messages).items():
         stem = topic.strip("/").replace("/", "_")
         assert arrays[f"{stem}.seq"].tolist() == [*range(len(sent))]
-        for one in fields(sent[0]):
-            check_arrays(arrays, stem, one.name, [getattr(each, one.name) for each in sent])
+        for field in fields(sent[0]):
+            check_arrays(arrays, stem, field.name, [getattr(each, field.name) for each in sent])
     assert arrays["model_shape.sent_s"] == pytest.approx([0.077, 0.091], abs=1e-12)
     kinds = {name: arrays[f"touch_patch.{name}"].dtype.str for name in ("mask", "umbilic", "goal")}
     assert kinds == {"mask": "|b1", "umbilic": "|b1", "goal": "<i8"}
@@ -229,9 +232,9 @@ def test_npz_holds_every_field_of_every_message(recorded, messages, tmp_path):
 def test_times_count_from_first_message_of_recording(record, tmp_path):
     path = record([("/a", WORLD), ("/b", WORLD)])
     export_bag(path, "npz", tmp_path / "out.npz", ["/b"])
-    with np.load(tmp_path / "out.npz") as found:
-        assert found["b.sent_s"] == pytest.approx([0.007])
-        assert not any(name.startswith("a.") for name in found)
+    with np.load(tmp_path / "out.npz") as arrays:
+        assert arrays["b.sent_s"] == pytest.approx([0.007])
+        assert not any(name.startswith("a.") for name in arrays)
 
 
 def test_meshes_are_written_as_ply(explored, tmp_path, tetrahedron):
@@ -267,7 +270,7 @@ def test_export_without_suitable_topic_is_refused(explored, tmp_path, kind, topi
 def test_unusable_recordings_are_refused(record, tmp_path, explored):
     out = tmp_path / "out"
     explored.write_bytes(explored.read_bytes()[:-30])
-    with pytest.raises(InputError, match=r"cut off at byte \d+; `palpate bag recover` saves what"):
+    with pytest.raises(InputError, match=r"cut off at byte \d+; `palpate bag recover` saves its"):
         export_bag(explored, "csv", out)
     with pytest.raises(InputError, match="holds no message"):
         export_bag(record([], name="empty.mcap"), "csv", out)
@@ -315,8 +318,10 @@ def test_tables_hold_own_types_and_missing_numbers(recorded, record):
     assert [one.shape for one in table["places"]] == [(2, 3), (5, 3)]
     assert table["name"].tolist() == ["a", "longer"]
     bounds = [("/plan/done", example(PlanDone, rms_bound_95=one)) for one in (1e-4, None)]
-    found = palpate.open_recording(record(bounds, name="done.mcap"))["/plan/done"]["rms_bound_95"]
-    assert found[0] == 1e-4 and np.isnan(found[1])
+    bounds_read = palpate.open_recording(record(bounds, name="done.mcap"))["/plan/done"][
+        "rms_bound_95"
+    ]
+    assert bounds_read[0] == 1e-4 and np.isnan(bounds_read[1])
 
 
 def test_tables_refuse_unknown_topics_files_and_missing_pandas(record, tmp_path, monkeypatch):
@@ -335,5 +340,5 @@ def test_reprs_of_recording_and_tables_are_short(run_folder):
     recording = palpate.open_recording(run_folder)
     shown = [recording, *recording.values(), *(table[:1] for table in recording.values())]
     shown += [table[name] for table in recording.values() for name in table.dtype.names]
-    for one in shown:
-        assert repr(one).count("\n") < 9 and len(repr(one)) < 1000
+    for text in shown:
+        assert repr(text).count("\n") < 9 and len(repr(text)) < 1000

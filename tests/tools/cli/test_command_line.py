@@ -25,7 +25,7 @@ def python(code, *arguments, **how):
     return subprocess.run(command, timeout=300, **{"capture_output": True, **how})
 
 
-def test_main_exits_with_the_code_of_the_verb(monkeypatch):
+def test_main_exits_with_code_of_the_command(monkeypatch):
     monkeypatch.setenv("OPENBLAS_NUM_THREADS", "3")
     monkeypatch.delenv("OMP_NUM_THREADS")
     monkeypatch.setattr("signal.signal", lambda *_: None)
@@ -37,7 +37,7 @@ def test_main_exits_with_the_code_of_the_verb(monkeypatch):
     assert (os.environ["OPENBLAS_NUM_THREADS"], os.environ["OMP_NUM_THREADS"]) == ("3", "1")
 
 
-def test_help_lists_the_verbs_without_importing_one():
+def test_help_lists_commands_without_importing_them():
     code = "import sys; from palpate.tools.cli.command_line import run; run(['--help'])"
     done = python(f"{code}; print(*sys.modules)", text=True, check=True)
     *text, modules = done.stdout.splitlines()
@@ -72,7 +72,7 @@ NO_RECORDING = "x.mcap: the recording does not exist"
         ("bag export x.mcap -o y --format csv", NO_RECORDING),
         ("topic ecko", "there is no command 'ecko'; did you mean 'echo'? (see palpate topic"),
         ("topic echo", "Missing argument 'TOPIC'"),
-        ("topic hz", "name at least one topic, or take --all of them, not both"),
+        ("topic hz", "name at least one topic, or choose --all of them, not both"),
         ("topic hz /a --window 1", "1 is not in the range"),
         ("calibrate", "Missing argument 'SCENE'"),
         ("--completion csh", "'csh' is not one of 'bash', 'zsh', 'fish'"),
@@ -103,8 +103,8 @@ def test_bad_scenes_are_refused_and_leave_nothing(write, here, refusal, text):
     write("bad.yaml", text)
     before = sorted(here.iterdir())
     for verb in ("run", "run --json", "scene check"):
-        told = refusal(verb, "bad.yaml")
-        assert told.startswith("palpate: bad.yaml") and BAD_SCENES[text] in told
+        message = refusal(verb, "bad.yaml")
+        assert message.startswith("palpate: bad.yaml") and BAD_SCENES[text] in message
     assert sorted(here.iterdir()) == before
 
 
@@ -120,28 +120,28 @@ def test_scenes_are_listed_and_checked(call):
     assert "\ngaussian_noise: Noise of the electronics" in call("scene effects").out
 
 
-def test_mended_mesh_is_explored_and_its_mending_told(call, performed):
+def test_repaired_mesh_is_explored_and_repairs_are_printed(call, performed):
     box = trimesh.creation.box([0.06, 0.05, 0.04]).subdivide().subdivide().subdivide().subdivide()
     box.update_faces([False] + [True] * (len(box.faces) - 1))
     box.export("box.stl")
-    found = call("run box.stl --composed --unit m --out run")
-    assert found.err.startswith("mesh       box.stl: 1 hole of up to 4.5 mm closed\nasked ")
+    result = call("run box.stl --composed --unit m --out run")
+    assert result.err.startswith("mesh       box.stl: 1 hole of up to 4.5 mm closed\nasked ")
     assert "unit: m" in performed[0][0].about["scene"]
-    for how, told in (
+    for how, repairs in (
         ("", "\nmesh       box.stl: taken to be in m, 60 x 50 x 40 mm; 1 hole"),
         ("--unit m", "the object measures 60.0 x 50.0 x 40.0 mm"),
         ("--size 120mm", "the object measures 120.0 x 100.0 x 80.0 mm"),
     ):
-        assert told in call(f"scene check box.stl {how}").out
+        assert repairs in call(f"scene check box.stl {how}").out
 
 
 def test_json_is_all_that_json_prints(call, performed):
     code, out, _ = call("run sphere --composed --json --out a")
     assert (code, json.loads(out)["reason"]) == (3, "the tracer fell")
-    found = call("run sphere --quiet --out b")
-    assert (found.code, found.out) == (3, "")
-    assert found.err.splitlines()[-1] == "palpate: died: too coarse; the tracer fell"
-    assert "palpate: no report.html: " in found.err  # there is no run to report
+    result = call("run sphere --quiet --out b")
+    assert (result.code, result.out) == (3, "")
+    assert result.err.splitlines()[-1] == "palpate: died: too coarse; the tracer fell"
+    assert "palpate: no report.html: " in result.err  # there is no run to report
 
 
 @pytest.fixture
@@ -174,11 +174,11 @@ def test_every_failure_is_a_sentence_and_an_exit_code(failing, call, tmp_path, m
                                                       code, words):  # fmt: skip
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     failing(error)
-    found = call("run")
-    assert (found.code, found.out, found.err.count("\n")) == (code, "", 1)
-    assert words in found.err and "Traceback" not in found.err
+    result = call("run")
+    assert (result.code, result.out, result.err.count("\n")) == (code, "", 1)
+    assert words in result.err and "Traceback" not in result.err
     if "a bug" in words:
-        (place,) = re.findall(r"the traceback is in (\S+)\n", found.err)
+        (place,) = re.findall(r"the traceback is in (\S+)\n", result.err)
         assert "Traceback" in Path(place).read_text()
 
 
@@ -238,5 +238,5 @@ def test_calibration_is_written_and_not_overwritten(write, call, refusal):
     write("s.yaml", ONES.replace("1, 1, 1", "0.04, 0.04, 0.04"))
     code, out, err = call("calibrate s.yaml --out found.yaml --quiet")
     assert (code, err) == (0, "") and "256 calibrated, 0 not reached, 0 not trusted" in out
-    told = "palpate: found.yaml: exists already; it is not overwritten\n"
-    assert refusal("calibrate s.yaml --out found.yaml") == told
+    message = "palpate: found.yaml: exists already; it is not overwritten\n"
+    assert refusal("calibrate s.yaml --out found.yaml") == message

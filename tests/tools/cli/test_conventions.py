@@ -26,7 +26,6 @@ ACTS = {
     "topic echo", "topic pub", "param set", "view", "init effect", "init filter",
     "init planner", "init node", "init driver", "film",
 }  # fmt: skip
-LONG_PATH = 40  # Characters of a word that counts as a path, within which no line is broken
 
 
 def commands(command, path="", parent=None):
@@ -54,15 +53,15 @@ def test_commands_have_uniform_help_and_options(path):
     assert [line for line in text.splitlines() if len(line) > 80] == []
     assert ("\nCommands:\n" in text) == isinstance(command, click.Group)
     assert "..." not in text.partition("\nCommands:\n")[2]
-    found = options(command)
+    named = options(command)
     flags = [name for one in command.params for name in one.opts]
     assert len(flags) == len({*flags})
-    assert ("-o" in found) == ("--out" in found)
-    assert not {"--output", "--topic", "--node", "--as-json"} & {*found}
-    for name in {"--topics", "--nodes", "--kinds"} & {*found}:
-        assert (found[name].metavar, found[name].multiple) == ("A,B", True)
-    if "--run" in found:
-        assert found["--run"].help == options(ALL["topic list"][0])["--run"].help
+    assert ("-o" in named) == ("--out" in named)
+    assert not {"--output", "--topic", "--node", "--as-json"} & {*named}
+    for name in {"--topics", "--nodes", "--kinds"} & {*named}:
+        assert (named[name].metavar, named[name].multiple) == ("A,B", True)
+    if "--run" in named:
+        assert named["--run"].help == options(ALL["topic list"][0])["--run"].help
 
 
 def test_commands_that_tell_facts_have_json():
@@ -103,12 +102,13 @@ def test_output_has_80_columns_or_is_json(words, work, tmp_path, call, monkeypat
         out = tmp_path / name
         if "OUT/" in words:
             out.mkdir()
-        found = call(words.replace("OUT", str(out)), *(["--json"] if name == "json" else []))
-        assert found.code in (0, 1, 2) and "bug" not in found.err
-        if name == "json" and found.out:
-            json.loads(found.out)
-        lines = [line for line in found.out.splitlines() if len(line) > 80 and name == "text"]
-        assert [line for line in lines if max(map(len, line.split())) < LONG_PATH] == []
+        result = call(words.replace("OUT", str(out)), *(["--json"] if name == "json" else []))
+        assert result.code in (0, 1, 2) and "bug" not in result.err
+        if name == "json" and result.out:
+            json.loads(result.out)
+        lines = [line for line in result.out.splitlines() if len(line) > 80 and name == "text"]
+        # A line is not broken in a path: a word of 40 letters or more.
+        assert [line for line in lines if max(map(len, line.split())) < 40] == []
 
 
 def test_graph_is_meant_by_number_name_directory_or_recording(tmp_path, runtime, monkeypatch):
@@ -156,9 +156,9 @@ def test_commands_and_options_are_completed_in_every_shell(complete):
     assert complete("palpate bag ex") == ["export"]
     assert "--tolerance" in complete("palpate run --")
     assert complete("palpate run --noise ") == ["none", "low", "default", "high"]
-    kind, value, told = complete("palpate rebu", "zsh")
-    assert (kind, value) == ("plain", "rebuild") and told.startswith("Rebuild a solid")
-    assert complete("palpate rebu", "fish") == [f"rebuild\t{told}"]
+    kind, value, help_text = complete("palpate rebu", "zsh")
+    assert (kind, value) == ("plain", "rebuild") and help_text.startswith("Rebuild a solid")
+    assert complete("palpate rebu", "fish") == [f"rebuild\t{help_text}"]
 
 
 def test_scenes_are_shipped_ones_and_files(complete, here):
@@ -182,7 +182,7 @@ def test_runs_are_those_of_their_folder_latest_first(complete, here):
     assert complete("palpate replay ../x") == ["file,../x"]
 
 
-def test_topics_and_nodes_are_those_of_the_graph_that_is_meant(complete):
+def test_topics_and_nodes_are_of_the_chosen_graph(complete):
     for words in ("topic echo /", "node info ", "topic hz /", "param dump ", "topic echo --run "):
         assert complete(f"palpate {words}") == []
     with toy_graph() as first:

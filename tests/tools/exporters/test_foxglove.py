@@ -29,16 +29,16 @@ def export(bag, topics=()):
     """What the exported file holds, by topic."""
     path = bag.with_name("foxglove.mcap")
     path.unlink(missing_ok=True)
-    told = export_bag(bag, "foxglove", path, topics)
-    found: dict[str, list[Shown]] = defaultdict(list)
+    text = export_bag(bag, "foxglove", path, topics)
+    by_topic: dict[str, list[Shown]] = defaultdict(list)
     with path.open("rb") as file:
         for schema, channel, message in make_reader(file, validate_crcs=True).iter_messages():
             assert (schema.encoding, channel.message_encoding) == ("jsonschema", "json")
             assert message.log_time == message.publish_time
             content = json.loads(schema.data), json.loads(message.data)
-            found[channel.topic].append(Shown(schema.name, *content, message.log_time))
-    assert f": {sum(map(len, found.values()))} messages of" in told
-    return found
+            by_topic[channel.topic].append(Shown(schema.name, *content, message.log_time))
+    assert f": {sum(map(len, by_topic.values()))} messages of" in text
+    return by_topic
 
 
 KINDS: dict[str, Any] = {
@@ -77,10 +77,10 @@ def follows(value: Any, schema: dict[str, Any]) -> bool:
 
 
 def test_every_message_follows_the_schema_foxglove_knows(explored):
-    found = export(explored)
-    for topic, messages in found.items():
+    by_topic = export(explored)
+    for topic, messages in by_topic.items():
         assert all(follows(one.content, one.schema) for one in messages), topic
-    shown = {topic: (messages[0].kind, len(messages)) for topic, messages in found.items()}
+    shown = {topic: (messages[0].kind, len(messages)) for topic, messages in by_topic.items()}
     assert shown == {
         "/world": ("World", 1),
         "/truth": ("foxglove.SceneUpdate", 1),
@@ -107,20 +107,22 @@ def test_every_message_follows_the_schema_foxglove_knows(explored):
         "/plan/done": ("PlanDone", 1),
         "/plan/done/untouched": ("foxglove.PointCloud", 1),
     }
-    entities = [one["id"] for shown in found["/model/shape"] for one in shown.content["entities"]]
-    gone = [one["id"] for shown in found["/model/shape"] for one in shown.content["deletions"]]
+    entities = [
+        one["id"] for shown in by_topic["/model/shape"] for one in shown.content["entities"]
+    ]
+    gone = [one["id"] for shown in by_topic["/model/shape"] for one in shown.content["deletions"]]
     assert entities == gone == ["solid", "lattice"]
 
 
 def primitive(shown, kind):
     """The only primitive of a kind in a scene."""
-    ((one,),) = (entity[kind] for entity in shown.content["entities"])
-    return one
+    ((only,),) = (entity[kind] for entity in shown.content["entities"])
+    return only
 
 
 def test_layers_have_their_colours(explored):
-    found = export(explored)
-    clouds = {topic: found[topic][0].content for topic in found if topic.endswith(CLOUDS)}
+    by_topic = export(explored)
+    clouds = {topic: by_topic[topic][0].content for topic in by_topic if topic.endswith(CLOUDS)}
     assert len(clouds) == 5
     for topic, cloud in clouds.items():
         cells = np.frombuffer(base64.b64decode(cloud["data"], validate=True), np.uint8)
@@ -131,17 +133,17 @@ def test_layers_have_their_colours(explored):
         ("/touch/raw/finger", "cubes", "finger"),
         ("/truth", "triangles", "truth"),
     ):
-        colour = [*primitive(found[topic][0], kind)["color"].values()]
+        colour = [*primitive(by_topic[topic][0], kind)["color"].values()]
         wanted = [*(one / 255.0 for one in LAYERS[layer].rgb), LAYERS[layer].opacity]
         assert colour == pytest.approx(wanted, abs=1e-4)
 
 
 @pytest.mark.parametrize("topics", [(), ["/model/shape"]])
-def test_model_is_a_mesh_coloured_by_what_is_known(topics, explored, tetrahedron):
-    found = export(explored, topics)
+def test_model_mesh_is_coloured_by_first_known_scalar(topics, explored, tetrahedron):
+    by_topic = export(explored, topics)
     if topics:  # the truth counts even where it is not exported
-        assert [*found] == topics
-    shown = found["/model/shape"][0]
+        assert [*by_topic] == topics
+    shown = by_topic["/model/shape"][0]
     mesh, (entity,) = primitive(shown, "triangles"), shown.content["entities"]
     assert mesh["indices"] == tetrahedron.faces.ravel().tolist()
     assert [list(one.values()) for one in mesh["points"]] == tetrahedron.vertices.tolist()
@@ -166,38 +168,38 @@ def test_model_without_truth_has_the_colours_of_its_uncertainty(record, tetrahed
     assert primitive(plain, "triangles")["colors"] == []
 
 
-def test_clouds_images_lines_and_poses_hold_what_was_measured(explored, patch):
-    found = export(explored)
-    (cloud,) = (one.content for one in found["/touch/patch/touched"])
+def test_clouds_images_lines_and_poses_have_recorded_values(explored, patch):
+    by_topic = export(explored)
+    (cloud,) = (one.content for one in by_topic["/touch/patch/touched"])
     fields = [(one["name"], one["offset"], one["type"]) for one in cloud["fields"]]
     colours = [("red", 12, 1), ("green", 13, 1), ("blue", 14, 1), ("alpha", 15, 1)]
     assert fields == [("x", 0, 7), ("y", 4, 7), ("z", 8, 7), *colours]
     data = np.frombuffer(base64.b64decode(cloud["data"], validate=True), "<f4").reshape(-1, 4)
     # Single precision of centimetres.
     assert data[:, :3] == pytest.approx(patch.points, abs=1e-8)
-    lines = [primitive(one, "lines")["points"] for one in found["/contour/traced/contours"][2:]]
+    lines = [primitive(one, "lines")["points"] for one in by_topic["/contour/traced/contours"][2:]]
     assert [[*one.values()] for one in lines[0]] == np.arange(9.0).reshape(3, 3).tolist()
     assert [len(one) for one in lines] == [3, 4]  # an open one, and a closed one
-    (placed,) = (one.content for one in found["/touch/raw/pose"])
+    (placed,) = (one.content for one in by_topic["/touch/raw/pose"])
     assert placed["pose"]["position"] == {"x": 0.01, "y": 0.02, "z": 0.03}
-    (transform,) = found["/tf"][0].content["transforms"]
+    (transform,) = by_topic["/tf"][0].content["transforms"]
     assert (transform["parent_frame_id"], transform["child_frame_id"]) == ("world", "finger_2")
     assert transform["translation"] == placed["pose"]["position"]
     assert transform["rotation"] == placed["pose"]["orientation"]
-    plate = primitive(found["/touch/raw/finger"][0], "cubes")
+    plate = primitive(by_topic["/touch/raw/finger"][0], "cubes")
     assert plate["size"] == {"x": 0.003, "y": 0.002, "z": 0.003}
-    (image,) = (one.content for one in found["/touch/image/compression"])
+    (image,) = (one.content for one in by_topic["/touch/image/compression"])
     pressed = np.frombuffer(base64.b64decode(image["data"]), "<f4")
     assert pressed.reshape(image["height"], image["width"])[0] == pytest.approx([0.0, 1e-4, 1e-4])
-    (line,) = (one.content for one in found["/log"])
+    (line,) = (one.content for one in by_topic["/log"])
     assert (line["level"], line["name"], line["message"]) == (3, "filter", "a, b\n=c")
 
 
 def test_other_messages_are_json_with_nested_lists(explored):
-    found = export(explored)
-    shown = found["/touch/raw"][0]
+    by_topic = export(explored)
+    shown = by_topic["/touch/raw"][0]
     assert shown.content["array"] == [[0.0, 1.0, 2.0], [3.0, 4.0, 5.0]]
     assert shown.schema["properties"]["array"]["unit"] == "s or N"
     assert shown.schema["properties"]["pose"]["maxItems"] == 7
-    assert found["/plan/done"][0].content["rms_bound_95"] is None
-    assert found["/touch/patch"][0].content["mask"][0] == [False, True, True]
+    assert by_topic["/plan/done"][0].content["rms_bound_95"] is None
+    assert by_topic["/touch/patch"][0].content["mask"][0] == [False, True, True]

@@ -116,7 +116,7 @@ def test_layers_have_their_colours(export, explored):
     assert logged["error_mm/rms"][0][1]["SeriesLines"].named == {"colors": rgb("error")}
 
 
-def test_pad_taxels_curves_and_log_hold_what_was_measured(export, explored, patch):
+def test_pad_taxels_curves_and_log_have_recorded_values(export, explored, patch):
     _, logged = export(explored)
     shown = logged["world/finger/2"][0][1]
     assert shown["Transform3D"].named["translation"].tolist() == [0.01, 0.02, 0.03]
@@ -137,7 +137,7 @@ def test_pad_taxels_curves_and_log_hold_what_was_measured(export, explored, patc
     assert [len(opened), len(closed), closed[-1].tolist()] == [3, 4, [0.0, 1.0, 2.0]]
 
 
-def test_model_is_a_mesh_coloured_by_what_is_known(export, explored, record, patch, tetrahedron):
+def test_model_mesh_is_coloured_by_first_known_scalar(export, explored, record, patch, tetrahedron):
     _, logged = export(explored, "--topics", "/model/shape")  # the truth is not shown, but known
     assert {*logged} == {"world", "world/solid", "world/lattice"}
     shown = logged["world/solid"][0][1]
@@ -160,11 +160,11 @@ def test_model_is_a_mesh_coloured_by_what_is_known(export, explored, record, pat
 
 def test_exports_that_cannot_be_are_refused(export, explored, refusal, monkeypatch):
     asked = (explored, "--format", "rerun", "-o", explored.with_name("out.rrd"))
-    told = refusal("bag export", *asked, "--topics", "/world")
-    assert "/world hold nothing that rerun would show" in told
+    message = refusal("bag export", *asked, "--topics", "/world")
+    assert "/world hold nothing that rerun would show" in message
     monkeypatch.setitem(sys.modules, "rerun", None)
-    told = refusal("bag export", *asked)
-    assert told == "palpate: --format rerun needs rerun-sdk: pip install 'palpate[rerun]'\n"
+    message = refusal("bag export", *asked)
+    assert message == "palpate: --format rerun needs rerun-sdk: pip install 'palpate[rerun]'\n"
     assert [one.name for one in explored.parent.iterdir()] == [explored.name]
 
 

@@ -66,8 +66,8 @@ def test_solid_is_a_list_of_triangles(tetrahedron):
 
 def test_large_arrays_are_given_by_shape(tetrahedron):
     many = replace(tetrahedron, vertices=np.zeros((999, 3)))
-    told = by_topic("/m", many)["/palpate/m"]
-    assert json.loads(told.fields["data"])["vertices"] == {"shape": [999, 3]}
+    whole = by_topic("/m", many)["/palpate/m"]
+    assert json.loads(whole.fields["data"])["vertices"] == {"shape": [999, 3]}
 
 
 def test_own_type_is_mapped_by_its_schema(frame):
@@ -78,9 +78,9 @@ def test_own_type_is_mapped_by_its_schema(frame):
 
 @pytest.mark.parametrize("kind", [World, LogRecord, ShapeModel])
 def test_every_message_has_topics_of_its_own(kind):
-    found = [*ros_messages("/x", example(kind))]
-    assert len({one.topic for one in found}) == len(found)
-    assert all(one.topic.startswith("/palpate/x") for one in found)
+    messages = [*ros_messages("/x", example(kind))]
+    assert len({one.topic for one in messages}) == len(messages)
+    assert all(one.topic.startswith("/palpate/x") for one in messages)
 
 
 class Profile(NamedTuple):
@@ -131,8 +131,8 @@ def test_publishers_are_made_once_and_latched(frame, contour, monkeypatch):
     ros = StandIn(monkeypatch)
     publishers = RosPublishers()
     for topic, message in (("/touch/raw", frame), ("/c", contour), ("/c", contour)):
-        for one in ros_messages(topic, message):
-            publishers.publish(one, type(message))
+        for ros_message in ros_messages(topic, message):
+            publishers.publish(ros_message, type(message))
     publishers.close()
     assert ros.ended == ["node", "shutdown"]
     assert ros.profiles["/palpate/touch/raw/pose"].durability == "volatile"

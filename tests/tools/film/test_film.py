@@ -10,7 +10,7 @@ from PIL import Image, ImageSequence
 from palpate.launch.files.source_map import InputError
 from palpate.tools.cli.command_line import run
 from palpate.tools.film.film import make_film
-from palpate.tools.view.rasteriser import FINER, Camera, Canvas, camera_on
+from palpate.tools.view.rasteriser import Camera, Canvas, camera_on
 from palpate.tools.view.timeline import Timeline
 
 
@@ -20,7 +20,7 @@ def silent(_):
 
 def frames_of(path):
     with Image.open(path) as film:
-        return [np.asarray(one.convert("RGB")) for one in ImageSequence.Iterator(film)]
+        return [np.asarray(frame.convert("RGB")) for frame in ImageSequence.Iterator(film)]
 
 
 @pytest.fixture(scope="module")
@@ -31,28 +31,28 @@ def frames(run_folder, tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("click.echo", lambda text, err=False: said.append(text))
         assert run(["film", str(run_folder), "-o", str(path), "--seconds", "1"]) == 0
-    assert said == [*(f"drawing      {one} %" for one in range(0, 100, 10)), f"{path}: written"]
+    assert said == [*(f"drawing      {share} %" for share in range(0, 100, 10)), f"{path}: written"]
     return frames_of(path)
 
 
 def test_film_shows_the_exploration_from_beginning_to_end(frames):
     assert len(frames) == 10 and frames[0].shape == (360, 640, 3)
-    scenes = [one[:330, :390] for one in frames]  # without the legend below them
+    scenes = [frame[:330, :390] for frame in frames]  # without the legend below them
     assert (scenes[0] == 255).all()  # nothing is touched yet
-    pixels = [(one != 255).any(axis=2).sum() for one in scenes]
+    pixels = [(scene != 255).any(axis=2).sum() for scene in scenes]
     assert pixels[-1] > 5000 and max(pixels[:3]) < pixels[-1]
-    assert len({one.tobytes() for one in frames}) == 10
+    assert len({frame.tobytes() for frame in frames}) == 10
 
 
 def test_last_frames_show_the_colours_of_deviation(frames):
-    purple = [(one[:330, :390].astype(int) @ [1, -2, 1] > 40).sum() for one in frames]
+    purple = [(frame[:330, :390].astype(int) @ [1, -2, 1] > 40).sum() for frame in frames]
     assert purple[-1] > 300 and max(purple[:7]) < purple[-1] / 3
 
 
-def test_no_word_of_a_film_reaches_its_edge(line, tmp_path):
+def test_texts_stay_off_the_edges_of_a_film(line, tmp_path):
     scores, estimates = line.scores, line.estimates
     long = Timeline(known=line.known, grasps=200 * line.grasps, scores=scores, estimates=estimates)
-    long.touches = [one._replace(time=1e4 * one.time) for one in line.touches]
+    long.touches = [touch._replace(time=1e4 * touch.time) for touch in line.touches]
     make_film(long, tmp_path / "long.gif", seconds=0.4, say=silent)
     for picture in frames_of(tmp_path / "long.gif"):
         assert (picture[:, -640 // 50 :] == 255).all()
@@ -66,11 +66,11 @@ def test_mp4_has_its_length_and_rate(line, tmp_path):
     make_film(line, path, seconds=0.5, say=silent)
     probe = ["ffprobe", "-v", "error", "-count_frames", "-show_entries"]
     probe += ["stream=width,height,nb_read_frames,r_frame_rate", "-of", "csv=p=0", str(path)]
-    found = subprocess.run(probe, capture_output=True, text=True, check=True).stdout
-    assert found.strip() == "960,540,20/1,10"
+    result = subprocess.run(probe, capture_output=True, text=True, check=True)
+    assert result.stdout.strip() == "960,540,20/1,10"
 
 
-def test_missing_or_failing_ffmpeg_and_missing_touches_leave_nothing(line, tmp_path, monkeypatch):
+def test_failed_film_leaves_no_file(line, tmp_path, monkeypatch):
     program = tmp_path / "ffmpeg"
     monkeypatch.setenv("PATH", f"{tmp_path}:/usr/bin:/bin")
     program.write_text("#!/bin/sh\necho no such codec >&2\nexit 1\n")
@@ -78,15 +78,15 @@ def test_missing_or_failing_ffmpeg_and_missing_touches_leave_nothing(line, tmp_p
     with pytest.raises(InputError, match="ffmpeg failed: no such codec"):
         make_film(line, tmp_path / "run.mp4", seconds=0.1, say=silent)
     monkeypatch.setattr("shutil.which", lambda _: None)
-    with pytest.raises(InputError, match="mp4 takes ffmpeg, which is not installed"):
+    with pytest.raises(InputError, match="mp4 needs ffmpeg, which is not installed"):
         make_film(line, tmp_path / "run.mp4", say=silent)
     with pytest.raises(InputError, match="no touches"):
         make_film(Timeline(), tmp_path / "run.gif", say=silent)
-    assert [one.name for one in tmp_path.iterdir()] == ["ffmpeg"]
+    assert [path.name for path in tmp_path.iterdir()] == ["ffmpeg"]
 
 
 @pytest.mark.parametrize(
-    ("words", "why"),
+    ("words", "message"),
     [
         ("RUN", "Missing option '-o'"),
         ("nowhere -o x.gif", "nowhere"),
@@ -96,10 +96,10 @@ def test_missing_or_failing_ffmpeg_and_missing_touches_leave_nothing(line, tmp_p
         ("RUN -o x.gif --seconds nan", "seconds must be a finite number, got nan"),
     ],
 )
-def test_film_verb_refuses_in_one_sentence(here, run_folder, refusal, words, why):
+def test_film_command_refuses_bad_arguments(here, run_folder, refusal, words, message):
     (here / "there.gif").touch()
-    assert why in refusal("film", *words.replace("RUN", str(run_folder)).split())
-    assert [one.name for one in here.iterdir()] == ["there.gif"]
+    assert message in refusal("film", *words.replace("RUN", str(run_folder)).split())
+    assert [path.name for path in here.iterdir()] == ["there.gif"]
 
 
 SQUARE = np.array([[0.0, -1, -1], [0, 1, -1], [0, 1, 1], [0, -1, 1]])  # seen from the x axis
@@ -169,7 +169,9 @@ def test_back_faces_of_a_closed_mesh_change_nothing():
 
 def test_lit_face_is_brighter_towards_the_light():
     grey = np.array([200, 200, 200])
-    front, side = (drawn((one, grey), lit=True)[30, 30, 0] for one in (SQUARE, turned(0.2, -0.98)))
+    front, side = (
+        drawn((square, grey), lit=True)[30, 30, 0] for square in (SQUARE, turned(0.2, -0.98))
+    )
     assert side < front
 
 
@@ -193,7 +195,7 @@ def test_closed_line_has_one_side_more():
     assert counts[1] == pytest.approx(counts[0] * 4 / 3, rel=0.1)
 
 
-def test_what_lies_outside_the_view_is_left_out():
+def test_points_outside_the_view_are_not_drawn():
     canvas = Canvas(40, 40, FRONT)
     for away in ([20.0, 0, 0], [0.0, 50, 0]):  # behind the eye, and beside the picture
         canvas.draw_mesh(SQUARE + away, HALVES, RED, lit=False)
@@ -217,5 +219,6 @@ def test_camera_on_a_box_sees_all_of_it():
     for azimuth in range(0, 360, 30):
         for elevation in (-60.0, 0.0, 45.0):
             camera = camera_on(low, high, azimuth=float(azimuth), elevation=elevation)
-            flat = Canvas(100, 100, camera).project(corners)[:, :2]
-            assert flat.min() >= 0.0 and flat.max() <= 100 * FINER
+            canvas = Canvas(100, 100, camera)
+            flat = canvas.project(corners)[:, :2]
+            assert flat.min() >= 0.0 and flat.max() <= 100 * canvas.settings.supersampling

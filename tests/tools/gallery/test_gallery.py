@@ -15,7 +15,7 @@ from palpate.tools.gallery.sheet import FIGURES, draw_png, find_figures
 DOCS = Path(__file__).parents[3] / "docs"
 KEPT = DOCS / "gallery"
 CHEAP = ("bernstein", "step_components", "correspondence", "lattice")
-SLOW = [pytest.param(one, marks=pytest.mark.slow) for one in FIGURES if one not in CHEAP]
+SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in FIGURES if name not in CHEAP]
 
 
 def pixels(png):
@@ -24,13 +24,13 @@ def pixels(png):
 
 
 @pytest.mark.parametrize("name", [*CHEAP, *SLOW])
-def test_figure_is_drawn_as_it_is_kept(name):
+def test_figure_equals_stored_picture(name):
     drawn, kept = pixels(draw_png(name)), pixels((KEPT / f"{name}.png").read_bytes())
     assert drawn.shape == kept.shape
     compared = np.s_[:]
-    if name == "cost":  # Of processor times all else is different each time
+    if name == "cost":  # the rest shows processor times, which differ from run to run
         compared = np.s_[: drawn.shape[0] // 2, : 3 * drawn.shape[1] // 5]
-    # Of 255; another font makes a few.
+    # of 255; another font makes a few
     assert np.abs(drawn[compared].astype(float) - kept[compared]).mean() < 6.0
     high, wide = (length // 4 for length in drawn.shape[:2])
     middle = drawn[high:-high, wide:-wide].reshape(-1, 3)
@@ -41,12 +41,12 @@ def test_figure_is_drawn_as_it_is_kept(name):
 def test_page_shows_every_figure_with_its_caption():
     shown = {}
     for picture, line in pairwise((DOCS / "gallery.md").read_text().split("\n\n")):
-        if found := re.fullmatch(r"!\[(.{8,})\]\(gallery/(\w+)\.png\)", picture):
-            shown[found[2]] = line.strip()
+        if match := re.fullmatch(r"!\[(.{8,})\]\(gallery/(\w+)\.png\)", picture):
+            shown[match[2]] = line.strip()
     assert list(shown) == list(FIGURES)
-    for name, one in FIGURES.items():
-        numbers = " to ".join(dict.fromkeys((*one.numbers[:1], *one.numbers[-1:])))
-        assert shown[name] == (f"**{numbers}** " if numbers else "") + one.caption
+    for name, figure in FIGURES.items():
+        numbers = " to ".join(dict.fromkeys((*figure.numbers[:1], *figure.numbers[-1:])))
+        assert shown[name] == (f"**{numbers}** " if numbers else "") + figure.caption
     sizes = {path.stem: path.stat().st_size for path in KEPT.glob("*")}
     assert {*sizes} == {*FIGURES}
     assert max(sizes.values()) <= 100_000 and sum(sizes.values()) <= 1_500_000
@@ -55,14 +55,14 @@ def test_page_shows_every_figure_with_its_caption():
 def test_figures_are_found_by_name_or_thesis_number():
     assert find_figures(["5.12", "bernstein", "example_1", "2.4"]) == ["example_1", "bernstein"]
     assert find_figures([]) == list(FIGURES)
-    numbers = [number for one in FIGURES.values() for number in one.numbers]
+    numbers = [number for figure in FIGURES.values() for number in figure.numbers]
     assert len(numbers) == len({*numbers})
     chapters = {"1": 1, "2": 9, "3": 10, "4": 3, "5": 20}
-    printed = {f"{c}.{n}" for c, most in chapters.items() for n in range(1, most + 1)}
+    printed = {f"{c}.{n}" for c, count in chapters.items() for n in range(1, count + 1)}
     assert {*numbers} == printed
 
 
-def test_gallery_verb_draws_and_lists(here, call):
+def test_gallery_command_draws_and_lists(here, call):
     code, out, err = call("gallery 2.4 step_components -o a/b --json")
     assert (code, err) == (0, "drawing bernstein\ndrawing step_components\n")
     assert json.loads(out) == ["a/b/bernstein.png", "a/b/step_components.png"]
@@ -70,19 +70,19 @@ def test_gallery_verb_draws_and_lists(here, call):
     assert call("gallery 2.4 -o a/b").code == 0
     assert Path("a/b/bernstein.png").read_bytes() == before
     listed = json.loads(call("gallery --list --json run 3.10").out)
-    shows = {name: one["shows"] for name, one in listed.items()}
+    shows = {name: facts["shows"] for name, facts in listed.items()}
     assert shows == {"run": "ours", "step_function": "3.9 to 3.10"}
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "message"),
     [
         ("lattce -o made", "there is no figure 'lattce'; did you mean 'lattice'?"),
         ("2.10 -o made", "there is no figure '2.10'; see palpate gallery --list"),
         ("bernstein -o file", "file: cannot be made: File exists"),
     ],
 )
-def test_impossible_galleries_are_refused(here, refusal, words, told):
+def test_unknown_figure_or_bad_folder_is_refused(here, refusal, words, message):
     Path("file").touch()
-    assert refusal(f"gallery bernstein {words}") == f"palpate: {told}\n"
-    assert [one.name for one in here.iterdir()] == ["file"]
+    assert refusal(f"gallery bernstein {words}") == f"palpate: {message}\n"
+    assert [path.name for path in here.iterdir()] == ["file"]

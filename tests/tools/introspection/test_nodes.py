@@ -19,6 +19,7 @@ from palpate.launch.processes.registry import running_graphs
 from palpate.messages import decode
 from palpate.messages.types import TYPES, TactileFrame
 from palpate.tools.introspection.doctor import graphs_findings, machine_findings
+from palpate.tools.introspection.requests import RequestTimeouts, request
 from tests.tools.toy_graph import PARAMS
 
 Usage = namedtuple("Usage", "total used free")
@@ -35,14 +36,14 @@ def test_nodes_are_listed_while_they_run(graph, call):
     assert call("node list -a").out.split() == ["cleaner", "hearer", "player", "talker"]
 
 
-def test_node_info_tells_health_topics_and_parameters(graph, call, refusal):
+def test_node_info_shows_health_topics_and_parameters(graph, call, refusal):
     graph.status |= {"gaps": 2, "duplicates": 1, "p50": 3.0, "p99": 4.0}
     graph.nodes["cleaner"] |= {"pid": 0, "restarts": 2}
     graph.start()
-    found = json.loads(call("node info /talker --json").out)
-    assert (found["kind"], found["pid"], found["restarts"]) == ("my_lab.talker", 9, 0)
-    assert found["status"]["messages"] == 5 and found["load"] > 0.0
-    assert found["publishes"][0] == {
+    about = json.loads(call("node info /talker --json").out)
+    assert (about["kind"], about["pid"], about["restarts"]) == ("my_lab.talker", 9, 0)
+    assert about["status"]["messages"] == 5 and about["load"] > 0.0
+    assert about["publishes"][0] == {
         "topic": "/t",
         "type": "TactileFrame",
         "subscribers": ["hearer"],
@@ -54,7 +55,7 @@ def test_node_info_tells_health_topics_and_parameters(graph, call, refusal):
         "  messages  5 handled, 7 sent",
         "  gaps      2, duplicates 1",
         "  handler   p50 3 us, p99 4 us",
-        "    /odd  NoSuchType  to nobody",
+        "    /odd  NoSuchType  to no node",
         "    size: 3",
     ):
         assert line in lines
@@ -68,23 +69,24 @@ def test_node_info_tells_health_topics_and_parameters(graph, call, refusal):
 
 
 def test_parameters_are_dumped_with_long_values_as_hashes(graph, call, refusal):
-    found = yaml(call("param dump").out)
+    dumped = yaml(call("param dump").out)
     assert (
-        list(found) == ["talker", "hearer", "cleaner", "player"] and found["hearer"]["params"] == {}
+        list(dumped) == ["talker", "hearer", "cleaner", "player"]
+        and dumped["hearer"]["params"] == {}
     )
-    params = found["talker"]["params"]
+    params = dumped["talker"]["params"]
     assert (params["size"], params["deep"]) == (3, {"pose": [1.5]})
     text = PARAMS["text"].encode()
     assert params["mesh"] == f"300 bytes, sha256 {hashlib.sha256(bytes(300)).hexdigest()}"
     assert params["text"] == f"440 bytes of text, sha256 {hashlib.sha256(text).hexdigest()}"
-    assert json.loads(call("param dump talker --json").out) == {"talker": found["talker"]}
+    assert json.loads(call("param dump talker --json").out) == {"talker": dumped["talker"]}
     assert call("param list talker").out.split() == ["size", "mesh", "text", "deep"]
     assert call("param list").out.splitlines()[:2] == ["talker:", "  size"]
-    told = refusal("param dump cleanr")
-    assert "the graph has no node 'cleanr'; did you mean 'cleaner'?" in told
+    message = refusal("param dump cleanr")
+    assert "the graph has no node 'cleanr'; did you mean 'cleaner'?" in message
 
 
-def test_parameter_is_told_with_type_default_and_comment(graph, call, refusal):
+def test_parameter_is_shown_with_type_default_and_comment(graph, call, refusal):
     lines = call("param get cleaner contact").out.splitlines()
     assert (lines[0], lines[-1]) == ("value: 0.0001", "default: 5.0e-05")
     about = json.loads(call("param get cleaner contact --json").out)
@@ -94,16 +96,16 @@ def test_parameter_is_told_with_type_default_and_comment(graph, call, refusal):
     assert order["type"] == "auto | median | median-first | none | wiener | wiener-first"
     # The modules of a user are not imported, so that only the value is known.
     assert yaml(call("param get talker deep.pose").out) == {"value": [1.5]}
-    told = refusal("param get talker sise")
-    assert "talker has no parameter 'sise'; did you mean 'size'?" in told
+    message = refusal("param get talker sise")
+    assert "talker has no parameter 'sise'; did you mean 'size'?" in message
     assert "talker has no parameter 'size.x'" in refusal("param get talker size.x")
 
 
 def test_parameter_is_set_in_base_units(graph, call, refusal):
     graph.start()
     for value, sent in (("0.2mm", 2e-4), ("3.0e-4", 3e-4)):
-        told = call("param set cleaner contact", value).out
-        assert told == f"cleaner.contact: 0.0001 -> {yaml_float(sent)}\n"
+        text = call("param set cleaner contact", value).out
+        assert text == f"cleaner.contact: 0.0001 -> {yaml_float(sent)}\n"
         asked = graph.requests.pop()
         assert json.loads(asked.pop("value")) == pytest.approx(sent)
         assert asked == {"kind": "set", "node": "cleaner", "param": "contact"}
@@ -122,8 +124,8 @@ def test_message_is_published_by_its_node(graph, call, refusal):
     fields = "goal: 1, touch: 2, finger: 1, placement: 0, direction: [0, 0, 1]"
     fields += ", pose: [0, 0, 0, 0, 0, 0, 1], move: [0, 0, 0, 0, 0], robot_time: 3"
     body = f"{{{fields}, outcome: hit, array: [[1, 2], [3, 4]]}}"
-    told = "published TactileFrame on /t\n"
-    assert call("topic pub t", body, "-t", 2, "-r", 1000).out == 2 * told
+    text = "published TactileFrame on /t\n"
+    assert call("topic pub t", body, "-t", 2, "-r", 1000).out == 2 * text
     asked = graph.requests[0]
     assert (asked["kind"], asked["node"], asked["topic"]) == ("publish", "talker", "/t")
     message = decode(TactileFrame, asked["body"])
@@ -136,7 +138,7 @@ def test_message_is_published_by_its_node(graph, call, refusal):
     ):
         assert words in refusal("topic pub /t", wrong, "--once")
     assert "--rate must be positive, got 0" in refusal("topic pub /t", body, "-r", 0)
-    assert "/log is what nodes say of themselves" in refusal("topic pub /log", body)
+    assert "/log is what nodes report of themselves" in refusal("topic pub /log", body)
 
 
 def test_player_is_paused_resumed_and_stepped(graph, call):
@@ -178,8 +180,8 @@ def test_every_message_type_is_shown_with_its_fields(graph, call, refusal):
         assert not any("<f8" in line for line in lines)
     own = call("interface show Bends").out
     assert "goal       integer  #" in own and "curvature  number  1/m" in own
-    told = refusal("interface show Bend")
-    assert "there is no type 'Bend'; did you mean 'Bends'?" in told
+    message = refusal("interface show Bend")
+    assert "there is no type 'Bend'; did you mean 'Bends'?" in message
 
 
 def levels(findings):
@@ -215,7 +217,7 @@ FAULTS = [
     (zmq, "zmq_version_info", lambda: (4, 2, 9), "FAIL", "is too old, the bus needs 4.3"),
     (zmq, "has", lambda name: name != "ipc", "FAIL", "has no Unix sockets"),
     (zmq, "has", lambda name: name != "curve", "WARN", "cannot encrypt"),
-    (zmq, "IPC_PATH_MAX_LEN", 10, "FAIL", "at most 10 will do; set XDG_RUNTIME_DIR"),
+    (zmq, "IPC_PATH_MAX_LEN", 10, "FAIL", "at most 10 are allowed; set XDG_RUNTIME_DIR"),
     (shutil, "disk_usage", lambda _: Usage(0, 0, 1 << 20), "FAIL", "make room"),
     (shutil, "disk_usage", lambda _: Usage(0, 0, 1 << 25), "WARN", "recording may not fit"),
     (os, "access", lambda *_: False, "FAIL", "cannot be written; choose another folder"),
@@ -258,13 +260,13 @@ def test_doctor_finds_faults_of_a_graph(graph, answer, gaps, level, words):
     graph.nodes = {"talker": graph.nodes["talker"] | answer}
     graph.status["gaps"] = gaps
     graph.start()
-    (found,) = graphs_findings(running_graphs())
-    assert found.level == level
-    assert found.text.startswith(f"{graph.card.run[:6]} (vase)")
-    assert words in found.text
+    (finding,) = graphs_findings(running_graphs())
+    assert finding.level == level
+    assert finding.text.startswith(f"{graph.card.run[:6]} (vase)")
+    assert words in finding.text
 
 
 def test_doctor_fails_for_a_graph_that_does_not_answer(graph, monkeypatch):
-    monkeypatch.setattr("palpate.tools.introspection.requests.REQUEST_PATIENCE", 0.05)
-    (found,) = graphs_findings(running_graphs())
-    assert found.level == "FAIL" and "gives no answer within 0.05 s" in found.text
+    monkeypatch.setitem(request.__kwdefaults__, "timeouts", RequestTimeouts(answer=0.05))
+    (finding,) = graphs_findings(running_graphs())
+    assert finding.level == "FAIL" and "gives no answer within 0.05 s" in finding.text

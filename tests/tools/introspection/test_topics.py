@@ -36,7 +36,7 @@ def test_topics_are_listed_with_types_publishers_and_subscribers(graph, call, re
     assert "/t [TactileFrame]" in call("topic list -t").out.splitlines()
     lines = call("topic list -v").out.splitlines()
     assert "/t [TactileFrame] from talker to hearer" in lines
-    assert "/odd [NoSuchType] from talker to nobody" in lines
+    assert "/odd [NoSuchType] from talker to no node" in lines
     listed = {one["name"]: one for one in json.loads(call("topic list --json").out)}
     assert listed["/log"]["publishers"] == ["talker", "hearer", "cleaner", "player"]
     assert call("topic type t").out == "TactileFrame\n"
@@ -44,10 +44,10 @@ def test_topics_are_listed_with_types_publishers_and_subscribers(graph, call, re
     assert "no topic carries TactileFrme; did you mean 'TactileFrame'" in refusal(
         "topic find TactileFrme"
     )
-    assert "nobody publishes /logg; did you mean '/log'?" in refusal("topic type /logg")
+    assert "no node publishes /logg; did you mean '/log'?" in refusal("topic type /logg")
 
 
-def test_topic_info_tells_fields_with_units(graph, call, refusal):
+def test_topic_info_shows_fields_with_units(graph, call, refusal):
     out = call("topic info /t -v").out
     assert out.startswith("Type: TactileFrame\nPublisher count: 1  talker\n")
     assert "Subscription count: 1  hearer" in out
@@ -57,8 +57,8 @@ def test_topic_info_tells_fields_with_units(graph, call, refusal):
     assert lines["array"] == "any x any float64 s or N"
     assert lines["outcome"] == "hit | miss | inside | bottomed"
     assert call("topic info /odd").code == 0
-    told = refusal("topic info /odd -v")
-    assert "/odd carries the type 'NoSuchType', which is not known" in told
+    message = refusal("topic info /odd -v")
+    assert "/odd carries the type 'NoSuchType', which is not known" in message
 
 
 @pytest.mark.parametrize(
@@ -73,7 +73,7 @@ def test_topic_info_tells_fields_with_units(graph, call, refusal):
         (["--raw", "--filter", "touch > 3"], f"{encode(frame(4))!r}\n---\n"),
     ],
 )
-def test_echo_shows_what_is_asked_for(graph, call, options, text):
+def test_echo_shows_only_requested_values(graph, call, options, text):
     graph.copy("/t", 0, frame(3))
     graph.copy("/t", 1, frame(4))
     graph.start()
@@ -127,13 +127,13 @@ def test_echo_refuses_incomparable_values(graph, refusal, wanted, words):
     assert words in refusal("topic echo /t --once --filter", wanted)
 
 
-def test_echo_tells_of_values_that_messages_lack(graph, call, tetrahedron):
+def test_echo_reports_missing_values(graph, call, tetrahedron):
     graph.copy("/m", 0, tetrahedron)
     graph.start()
     code, out, err = call("topic echo /m --once --field health.fallback --field number")
     assert (code, out) == (2, "health.fallback: null\nnumber: 1\n---\n")
-    told, refused = err.splitlines()
-    assert told.startswith("palpate: null where there is none: ") and "'fallbacks'" in told
+    remark, refused = err.splitlines()
+    assert remark.startswith("palpate: null where there is none: ") and "'fallbacks'" in remark
     assert "--field health.fallback: no message that was shown has it" in refused
     for path, why in (
         ("vertices[4]", "from vertices[0] to vertices[3]"),
@@ -165,8 +165,8 @@ def test_losses_are_counted_from_sequence_numbers(graph, call, case):
     code, out, err = call(f"topic echo {topic} --field {field} -n {len(shown)}")
     assert code == 0
     assert [float(one) for one in out.split() if one != "---"] == shown
-    told = f"palpate: {topic}: {lost} messages lost on the way here so far\n"
-    assert err == (told if lost else "")
+    remark = f"palpate: {topic}: {lost} messages lost on the way here so far\n"
+    assert err == (remark if lost else "")
     assert call(f"topic echo {topic} -n {len(shown)} --no-lost-messages").err == ""
 
 
@@ -175,8 +175,8 @@ def test_restart_of_a_node_begins_the_window_anew(graph, call):
         graph.copy("/log", seq, log(0.0), epoch=epoch, sent_ns=round(1e9 * sent))
     graph.start()
     lines = call("topic hz /log --json --duration 0.2").out.splitlines()
-    found = {one["publisher"]: one for one in map(json.loads, lines)}["talker"]
-    assert (found["rate_hz"], found["messages"]) == (pytest.approx(2.0), 2)
+    figures = {one["publisher"]: one for one in map(json.loads, lines)}["talker"]
+    assert (figures["rate_hz"], figures["messages"]) == (pytest.approx(2.0), 2)
 
 
 def test_rates_bandwidths_and_delays_are_printed_as_by_ros2(graph, call):
@@ -195,19 +195,19 @@ def test_rates_bandwidths_and_delays_are_printed_as_by_ros2(graph, call):
         "82.50 KB/s from 4 messages\n\tMessage size mean: 1.10 KB min: 1.00 KB max: 1.40 KB "
         "window: 4 (3 sent, but not received)\n"
     )
-    told = call("topic hz /t --json --duration 0.2 --window 2").out.splitlines()[-1]
-    found = json.loads(told)
-    assert found.pop("delay_s")["least"] > 0.0
+    line = call("topic hz /t --json --duration 0.2 --window 2").out.splitlines()[-1]
+    figures = json.loads(line)
+    assert figures.pop("delay_s")["least"] > 0.0
     period = {"mean": 0.03, "least": 0.03, "most": 0.03, "deviation": 0.0}
     size = {"mean": 1200.0, "least": 1000.0, "most": 1400.0, "deviation": 200.0}
     for key, value in (("period_s", period), ("size_bytes", size)):
-        assert found.pop(key) == pytest.approx(value)
+        assert figures.pop(key) == pytest.approx(value)
     rates = {"rate_hz": pytest.approx(1 / 0.03), "bytes_per_s": pytest.approx(1200 / 0.03)}
-    assert found == {"topic": "/t", "publisher": "talker", "messages": 2, **rates}
+    assert figures == {"topic": "/t", "publisher": "talker", "messages": 2, **rates}
     words = call("topic delay /own --duration 0.2").out.split()
-    found = [float(words[place].rstrip("s")) for place in (2, 4, 6, 9)]
+    figures = [float(words[place].rstrip("s")) for place in (2, 4, 6, 9)]
     # The tool takes a message at most some seconds after it was sent.
-    assert found == pytest.approx([2000.0, 1000.0, 3000.0, 1000.0], abs=30.0)
+    assert figures == pytest.approx([2000.0, 1000.0, 3000.0, 1000.0], abs=30.0)
     out = call("topic hz --all --duration 0.2").out
     assert "/t\naverage rate: 75.000\n" in out
     assert "only one message on /m\n" in out and "no messages on /odd\n" in out
@@ -222,7 +222,7 @@ def test_rate_without_neighbouring_messages_has_no_period(graph, call, refusal):
         "average rate: 100.000\n\tno two neighbouring messages came "
         "window: 2 (8 sent, but not received)\n"
     )
-    assert "nobody publishes /rely" in refusal("topic hz /rely")
+    assert "no node publishes /rely" in refusal("topic hz /rely")
 
 
 def test_measuring_ends_with_the_graph(graph):
@@ -370,8 +370,8 @@ VALUES = [
 def test_every_value_is_read_back_as_it_was_written(flow):
     style = TextStyle(full=True, flow=flow)
     for value in VALUES:
-        found = read_back(value, style)
-        assert found == value and type(found) is type(value)
+        read = read_back(value, style)
+        assert read == value and type(read) is type(value)
     assert math.isnan(read_back(math.nan, style))
     array = np.linspace(-1e-7, 1.0, 30).reshape(5, 3, 2)
     assert np.array_equal(np.array(read_back(array, style)), array)

@@ -29,18 +29,18 @@ MODELS = object_database.load_models(SHIPPED)
 
 def test_shipped_objects_are_closed_and_of_hand_size():
     assert len(SHIPPED.entries) >= 32
-    assert len({one.title for one in SHIPPED.entries.values()}) == len(SHIPPED.entries)
+    assert len({entry.title for entry in SHIPPED.entries.values()}) == len(SHIPPED.entries)
     for kind in ["superquadric", "hyperquadric", "generalised_cylinder", "polyhedron", "boolean"]:
-        assert any(getattr(one.object, kind) is not None for one in SHIPPED.entries.values())
+        assert any(getattr(entry.object, kind) is not None for entry in SHIPPED.entries.values())
     genera = {}
-    for name, one in SHIPPED.entries.items():
-        mesh = build_shape(one.object).mesh(3)
-        found = solidity(*mesh)
-        assert found.watertight, name
+    for name, entry in SHIPPED.entries.items():
+        mesh = build_shape(entry.object).mesh(3)
+        shape = solidity(*mesh)
+        assert shape.watertight, name
         sides = np.ptp(mesh.vertices, axis=0)
         assert 0.01 < sides.min() <= sides.max() < 0.2, name
         assert sides.max() > 0.03, name
-        genera[name] = found.genus
+        genera[name] = shape.genus
     holed = ("mug", "pitcher", "napkin_ring", "tube", "hex_nut", "padlock")
     assert {name: genera[name] for name in holed} == dict.fromkeys(holed, 1)
     assert genera["plate_with_holes"] == 3
@@ -55,7 +55,7 @@ def test_stored_models_belong_to_these_objects_and_features():
 
 
 @pytest.mark.slow
-def test_learning_again_gives_what_is_stored():
+def test_learning_again_gives_stored_models():
     assert MODELS is not None
     names = ("gem", "mug", "die")
     few = object_database.ObjectDatabase(
@@ -131,24 +131,24 @@ def folder(tmp_path_factory):
 
 def test_stored_object_is_recognised_with_its_runner_up(folder, call):
     code, out, _ = call("recognise", folder / "mug", "--json")
-    found = json.loads(out)
+    record = json.loads(out)
     assert code == 0
-    assert (found["recognised"], found["object"]) == (True, "mug")
-    assert found["probability"] > 0.9 and found["uncertainty_m"] >= 0.00012
-    assert sum(found["probabilities"].values()) == pytest.approx(1.0)
-    assert found["runner_up"] not in ("mug", NONE) and len(found["differences"]) == 3
-    lines = recognition_text(found).splitlines()
+    assert (record["recognised"], record["object"]) == (True, "mug")
+    assert record["probability"] > 0.9 and record["uncertainty_m"] >= 0.00012
+    assert sum(record["probabilities"].values()) == pytest.approx(1.0)
+    assert record["runner_up"] not in ("mug", NONE) and len(record["differences"]) == 3
+    lines = recognition_text(record).splitlines()
     assert lines[0].startswith("object     mug (coffee mug of 80 by 95 mm with a handle), prob")
     assert lines[1].startswith("runner-up  ")
-    assert any(line.startswith("told apart ") for line in lines)
+    assert any(line.startswith("differs ") for line in lines)
 
 
 def test_unknown_object_is_none_with_the_reason(folder, call):
     code, out, _ = call("recognise", folder / "bottle", "--json")
-    found = json.loads(out)
-    assert (code, found["recognised"], found["object"]) == (1, False, NONE)
-    assert found["distance"] > found["limit"] and found["runner_up"] in SHIPPED.entries
-    text = " ".join(recognition_text(found).split())
+    record = json.loads(out)
+    assert (code, record["recognised"], record["object"]) == (1, False, NONE)
+    assert record["distance"] > record["limit"] and record["runner_up"] in SHIPPED.entries
+    text = " ".join(recognition_text(record).split())
     assert text.startswith("object none of them, probability 100 % nearest ")
     assert "where 99 in 100 copies are within" in text
 
@@ -182,23 +182,23 @@ def test_surface_that_bounds_no_solid_is_refused(tmp_path):
 
 
 @pytest.mark.slow
-def test_own_objects_are_learned_once_and_again_if_changed(tmp_path, write, monkeypatch):
-    monkeypatch.setattr("palpate.tools.recognition.object_database.COPIES", 6)
-    monkeypatch.setattr("palpate.tools.recognition.object_database.LEVELS", (3, 4))
+def test_own_objects_are_learned_once_and_again_if_changed(tmp_path, write):
+    learning = object_database.LearningSettings(n_copies=6, levels=(3, 4))
     own, said = write("own.yaml", TWO), []
+    options = {"unit": "m", "objects": own, "say": said.append, "learning": learning}
     database = object_database.load_objects(own)
     block = build_shape(database.entries["block"].object)
     write_mesh(tmp_path / "block.ply", *noisy_copy(block.mesh(4), np.random.default_rng(11)))
-    found = recognise(tmp_path / "block.ply", unit="m", objects=own, say=said.append)
-    assert (found["object"], found["runner_up"]) == ("block", "ball")
+    record = recognise(tmp_path / "block.ply", **options)
+    assert (record["object"], record["runner_up"]) == ("block", "ball")
     assert said[:2] == ["learning ball", "learning block"]
     assert (tmp_path / "own_learned.yaml").is_file()
     said.clear()
-    assert recognise(tmp_path / "block.ply", unit="m", objects=own, say=said.append) == found
+    assert recognise(tmp_path / "block.ply", **options) == record
     assert said == []
     again = object_database.load_models(database)
-    models = object_database.learn_models(database, said.append)
-    for one, other in zip(models[1:5], again[1:5], strict=True):
-        assert other == pytest.approx(one, rel=1e-4, abs=1e-12)
+    models = object_database.learn_models(database, said.append, learning)
+    for learned, other in zip(models[1:5], again[1:5], strict=True):
+        assert other == pytest.approx(learned, rel=1e-4, abs=1e-12)
     changed = object_database.load_objects(write("own.yaml", TWO.replace("0.04]", "0.05]")))
     assert object_database.load_models(changed) is None

@@ -35,7 +35,7 @@ def test_nodes_of_a_run_publish_the_same_again(run_folder):
     assert [line.split()[:2] for line in lines] == [[f"{one}:", "identical,"] for one in LOOP]
 
 
-def test_new_parameter_changes_what_depends_on_it_alone(run_folder):
+def test_new_parameter_changes_only_dependent_values(run_folder):
     settings = ["filter.order=median-first"]
     code, lines = play(run_folder, ["filter", "curvature"], settings)
     assert code == 0 and lines[1].startswith("curvature: differs, /touch/patch ")
@@ -54,16 +54,16 @@ def test_replay_with_a_parameter_equals_a_run_with_it(run_folder, tmp_path):
     plan = plan_run(EXPLORE, args, setting, name="ball", out=tmp_path / "run")
     other = perform(plan, composed=True, display=Display()).folder
     _, (text,) = play(run_folder, ALL, ["filter.contact=300e-6"], as_json=True)
-    found = {
+    replayed = {
         topic: tuple(one[key] for key in ("compared", "differ", "fewer", "more"))
         for node in json.loads(text)["nodes"].values()
         for topic, one in node["topics"].items()
     }
     wanted = compare_recordings(run_folder, other).topics
-    assert found["/touch/image"][1] > 0
+    assert replayed["/touch/image"][1] > 0
     for topic, known in wanted.items():
         counts = known.compared, known.differ, known.only_a, known.only_b
-        assert found.get(topic, counts) == counts, topic
+        assert replayed.get(topic, counts) == counts, topic
 
 
 def test_changed_filter_is_found_out(run_folder, monkeypatch):
@@ -83,7 +83,7 @@ def test_changed_filter_is_found_out(run_folder, monkeypatch):
     assert " compression[6, 4]: recorded " in " ".join(lines[0].split())
 
 
-def test_replay_verb_takes_a_folder_and_parameters(run_folder, call):
+def test_replay_command_takes_folder_and_parameters(run_folder, call):
     verb = ["replay --nodes", "filter, curvature", run_folder]
     assert call(*verb, "--set", "filter.order=auto").out.count(": identical, ") == 2
     code, out, _ = call(*verb, "--set", "filter.order=none", "--set", "filter.contact=100e-6")
@@ -99,12 +99,12 @@ def test_replay_verb_takes_a_folder_and_parameters(run_folder, call):
     ],
 )
 def test_replay_refuses_settings_in_the_words_of_run(run_folder, refusal, setting, words):
-    told = refusal("replay --nodes filter --set", setting, run_folder)
-    assert told.startswith(f"palpate: --set {setting}: {words}")
-    assert told == refusal("run vase --set", setting)
+    message = refusal("replay --nodes filter --set", setting, run_folder)
+    assert message.startswith(f"palpate: --set {setting}: {words}")
+    assert message == refusal("run vase --set", setting)
 
 
-def test_resumption_repeats_what_was_known_then(run_folder, tmp_path):
+def test_resumption_repeats_earlier_decisions(run_folder, tmp_path):
     """Every node is handed what it had received until that contour, in its order."""
     plans = [
         plan_resume(run_folder, number, out=Path(tmp_path / str(number))) for number in (1, None)
@@ -114,7 +114,7 @@ def test_resumption_repeats_what_was_known_then(run_folder, tmp_path):
     for name, consumed in first.items():
         assert consumed == whole[name][: len(consumed)]
     assert len(first["reconstructor"]) < len(whole["reconstructor"])
-    with pytest.raises(ValueError, match=r"has \d contours, so none to go on from after 99"):
+    with pytest.raises(ValueError, match=r"has \d contours, so none to resume after 99"):
         plan_resume(run_folder, 99, out=tmp_path / "99")
     assert past_differences(run_folder, run_folder) == ""
     assert past_differences(run_folder, tmp_path) == ""

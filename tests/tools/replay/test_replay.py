@@ -173,9 +173,11 @@ def test_first_difference_is_named(play, messages, line):
 def test_failed_node_publishes_nothing_more(play, chain):
     messages = exchanged(6, ("/a", log(1000.0)))
     for settings in ((), ["adder.gain=2"]):  # whatever is set
-        code, (told, *_) = play(messages, settings=settings)
-        assert code == 1 and told.endswith("in pass_on)")
-        assert told.startswith("adder: fails, ArithmeticError handling /a 2 from source: no more (")
+        code, (verdict_line, *_) = play(messages, settings=settings)
+        assert code == 1 and verdict_line.endswith("in pass_on)")
+        assert verdict_line.startswith(
+            "adder: fails, ArithmeticError handling /a 2 from source: no more ("
+        )
     published = [(topic, 1000.0 if (topic, k) == ("/a", 2.0) else k) for topic, k in PUBLISHED]
     assert chain(published=published)[1][1:] == [
         "second: differs, /c 1: recorded, but not published again",
@@ -189,7 +191,7 @@ def test_failed_node_publishes_nothing_more(play, chain):
 def test_messages_are_handed_over_in_the_order_of_sending(play, module):
     code, lines = play(GOOD[:-1], sent=[10**9 * one for one in range(8)], closed=False)
     assert code == 0 and lines[1].startswith("adder: identical, ")
-    assert lines[0].endswith("topics.mcap was never closed: replaying as far as it goes")
+    assert lines[0].endswith("topics.mcap was never closed: replayed up to its end")
     # Without needs the world must come before the number, though it was recorded after it.
     module("adding", Node(**{**ADDER, "needs": ()}))
     assert play(GOOD[:5], sent=[1, 3, 2, 4, 5])[0] == 0
@@ -237,7 +239,7 @@ def test_recordings_that_cannot_be_replayed_are_refused(play, tmp_path):
         replay(tmp_path / "none.mcap")
 
 
-def test_subscribers_receive_what_is_published_now(chain):
+def test_subscribers_receive_messages_published_now(chain):
     assert chain("first.gain=3") == (
         0,
         [
@@ -249,11 +251,11 @@ def test_subscribers_receive_what_is_published_now(chain):
         ],
     )
     moved = [(topic, value + (topic == "/b")) for topic, value in PUBLISHED]
-    told = "second: differs, /c 0 robot_time: recorded 4.0, now 6.0"  # of the recorded /b
-    assert chain(published=moved, nodes=["second"])[1][0] == told
+    difference = "second: differs, /c 0 robot_time: recorded 4.0, now 6.0"  # of the recorded /b
+    assert chain(published=moved, nodes=["second"])[1][0] == difference
 
 
-def test_shortages_and_surpluses_are_told(chain):
+def test_shortages_and_surpluses_are_reported(chain):
     assert chain("first.copies=0")[1][1:] == [
         "second: differs, /c 0: recorded, but not published again",
         "second: received 3 fewer messages on /b than recorded: first publishes no more",
@@ -332,8 +334,8 @@ def test_resumed_node_that_acts_repeats_only_unanswered_goals(
     messages = [(topic, log(0.0)) for _, topic in timed]
     path = record(messages, about={**graph, "ends": "actor"}, sent=[when for when, _ in timed])
     plan = plan_resume(path, None, nodes=["actor", "a", "b"], out=path.with_name("on"))
-    found = [(one.publisher, one.topic, one.seq) for one in plan.before.consumed["actor"]]
-    assert found == [("b", "/goal", seq) for seq in range(answered)]
+    consumed = [(one.publisher, one.topic, one.seq) for one in plan.before.consumed["actor"]]
+    assert consumed == [("b", "/goal", seq) for seq in range(answered)]
     assert [one.sent_ns for one in plan.before.published["actor"]] == answers
 
 
@@ -341,8 +343,8 @@ def test_resumption_is_refused_in_one_sentence(record, refusal):
     path = record([("/a", log(1.0))], about=describe(CHAIN[0]))
     assert "does not say which graph made it" in refusal("replay --from end", path)
     path = record([("/a", log(1.0))], about={**describe(CHAIN[0]), "ends": "first"})
-    told = refusal("replay --from end", path)
-    assert "wants module 'links' for first, which is not palpate's own; name it if you" in told
+    message = refusal("replay --from end", path)
+    assert "wants module 'links' for first, which is not palpate's own; name it if you" in message
     for words, why in (
         ("--from contour=x", "--from contour=x: must look like contour=12, or be the word end"),
         ("--from contour=0", "must look like contour=12"),
@@ -397,20 +399,20 @@ def note(count, then, now):
 
 
 def test_numbers_are_measured_in_their_unit(changed):
-    found = changed(IMAGE, compression=np.array([[0.0, 3e-5], [0.0, -4e-5]]), impulses=2)
-    assert list(found) == ["compression", "impulses"]
-    assert found["compression"] == {
+    changes = changed(IMAGE, compression=np.array([[0.0, 3e-5], [0.0, -4e-5]]), impulses=2)
+    assert list(changes) == ["compression", "impulses"]
+    assert changes["compression"] == {
         "unit": "m", "differ": 1, "first": 0, "largest": 4e-5, "notes": {},
         "rms": pytest.approx(2.5e-5, rel=1e-12),
     }  # fmt: skip
-    assert [found["impulses"][key] for key in ("unit", "largest", "rms")] == ["#", 2.0, 2.0]
+    assert [changes["impulses"][key] for key in ("unit", "largest", "rms")] == ["#", 2.0, 2.0]
 
 
 def test_several_messages_add_up_to_one_change(compare):
     now = [replace(IMAGE, robot_time=time) for time in (1.0, 4.0, 1.0, -3.0)]
-    found = compare([IMAGE] * 4, now)["robot_time"]
-    assert (found["differ"], found["first"], found["largest"]) == (2, 1, 4.0)
-    assert found["rms"] == pytest.approx(np.sqrt((9 + 16) / 2), rel=1e-12)
+    change = compare([IMAGE] * 4, now)["robot_time"]
+    assert (change["differ"], change["first"], change["largest"]) == (2, 1, 4.0)
+    assert change["rms"] == pytest.approx(np.sqrt((9 + 16) / 2), rel=1e-12)
 
 
 def test_parts_with_units_of_their_own_are_kept_apart(changed):
@@ -439,8 +441,8 @@ def test_parts_with_units_of_their_own_are_kept_apart(changed):
     ],
 )  # fmt: skip
 def test_changes_without_a_size_are_counted(changed, message, field, value, notes):
-    found = changed(message, **{field: value})
-    assert found == {field: {"unit": "", "first": 0, "differ": 1, "largest": None, "rms": None,
+    changes = changed(message, **{field: value})
+    assert changes == {field: {"unit": "", "first": 0, "differ": 1, "largest": None, "rms": None,
                              "notes": notes}}  # fmt: skip
 
 
@@ -449,20 +451,20 @@ def test_first_of_many_changes_is_shown(compare):
     now = [replace(DONE, rms_bound_95=one, number=2) for one in (0.5, None, None, 0.25)]
     bound = compare(then, now)["rms_bound_95"]
     assert bound["notes"] == {"value": note(2, "None", "0.5")}
-    found = [bound[key] for key in ("differ", "first", "largest", "unit")]
-    assert found == [3, 0, 0.25, "m"]
+    values = [bound[key] for key in ("differ", "first", "largest", "unit")]
+    assert values == [3, 0, 0.25, "m"]
 
 
 def test_tables_are_compared_by_their_keys(changed, tetrahedron):
-    found = changed(tetrahedron, health={"condition": 4.0, "folds": 0.0})
-    assert list(found) == ["health", "health['condition']"]
-    assert found["health"]["notes"] == {"keys": note(1, "['fallbacks']", "['folds']")}
-    assert found["health['condition']"]["largest"] == 0.5
+    changes = changed(tetrahedron, health={"condition": 4.0, "folds": 0.0})
+    assert list(changes) == ["health", "health['condition']"]
+    assert changes["health"]["notes"] == {"keys": note(1, "['fallbacks']", "['folds']")}
+    assert changes["health['condition']"]["largest"] == 0.5
 
 
 def test_extreme_numbers_are_measured(compare, changed):
-    found = changed(IMAGE, compression=-IMAGE.compression)  # zeros that change their sign
-    assert (found["compression"]["differ"], found["compression"]["largest"]) == (1, 0.0)
+    changes = changed(IMAGE, compression=-IMAGE.compression)  # zeros that change their sign
+    assert (changes["compression"]["differ"], changes["compression"]["largest"]) == (1, 0.0)
     far = replace(IMAGE, compression=np.full((2, 2), 1e308))
     opposite = replace(far, compression=-far.compression)
     assert compare([far], [opposite])["compression"]["largest"] is None
@@ -473,9 +475,9 @@ def test_bodies_that_differ_in_their_bytes_alone_are_counted(compare):
     body = encode(IMAGE)
     turned = msgpack.packb(dict(reversed(msgpack.unpackb(body).items())))
     assert compare([turned], [IMAGE])["bytes"]["notes"]["byte"]["count"] == 1
-    found = compare([b"\x80"], [IMAGE])["bytes"]["notes"]["byte"]
-    assert found["then"] == "1 bytes"
-    assert found["now"].startswith("not a TactileImage: missing field goal")
+    note = compare([b"\x80"], [IMAGE])["bytes"]["notes"]["byte"]
+    assert note["then"] == "1 bytes"
+    assert note["now"].startswith("not a TactileImage: missing field goal")
 
 
 def test_table_shows_sizes_units_and_notes(compare):

@@ -47,19 +47,19 @@ def sections(text: str) -> dict[str, str]:
 
 
 def test_sections_hold_the_figures_of_the_run(text, run_folder):
-    found, summary = sections(text), json.loads((run_folder / "summary.json").read_text())
-    assert list(found) == SECTIONS
+    by_heading, summary = sections(text), json.loads((run_folder / "summary.json").read_text())
+    assert list(by_heading) == SECTIONS
     for words in (
         f"{1e3 * summary['rms_m']:.3f} mm",
         f"{1e3 * summary['sampling_floor_m']:.3f} mm",
         f">{summary['touches']}<",
     ):
-        assert words in found["What was found"]
-    assert all(f"<td >{node}</td>" in found["Load and latency"] for node in summary["nodes"])
-    assert "gaussian_noise" in found["Effects"] and "sigma 5e-06 m" in found["Effects"]
-    assert "cast" in found["Effects"]
-    assert summary["mesh_sha256"] in found["How to run it again"]
-    assert "palpate launch" in found["How to run it again"]
+        assert words in by_heading["What was found"]
+    assert all(f"<td >{node}</td>" in by_heading["Load and latency"] for node in summary["nodes"])
+    assert "gaussian_noise" in by_heading["Effects"] and "sigma 5e-06 m" in by_heading["Effects"]
+    assert "cast" in by_heading["Effects"]
+    assert summary["mesh_sha256"] in by_heading["How to run it again"]
+    assert "palpate launch" in by_heading["How to run it again"]
 
 
 def test_page_is_self_contained_and_accessible(text):
@@ -99,18 +99,18 @@ def test_packed_view_holds_the_run_to_half_a_step(text, run_folder):
         name: layer.colour for name, layer in LAYERS.items()
     }
     wanted = {(one.path, one.time or 0.0): one.shape for one in line.drawn(line.at(line.end))}
-    found = {(one["path"], one["time"]): one for one in shown["drawables"]}
+    packed_shapes = {(one["path"], one["time"]): one for one in shown["drawables"]}
     kinds = {Mesh: "vertices", Lines: "pieces", Points: "points"}
     for key, shape in wanted.items():
         if key[0] == "touched":
             continue
         if key[0].startswith("finger"):
-            assert found[key]["pose"] == pytest.approx(shape.pose.tolist(), abs=1e-6)
+            assert packed_shapes[key]["pose"] == pytest.approx(shape.pose.tolist(), abs=1e-6)
             continue
         kind = kinds[type(shape)]
         exact = shape.pieces(0.0).reshape(-1, 3) if kind == "pieces" else getattr(shape, kind)
-        assert np.abs(packed.points(found[key][kind]) - exact).max() <= 0.5001 * step
-    last = found["solid", line.models[-1].robot_time]
+        assert np.abs(packed.points(packed_shapes[key][kind]) - exact).max() <= 0.5001 * step
+    last = packed_shapes["solid", line.models[-1].robot_time]
     assert (packed.array(last["faces"]).reshape(-1, 3) == line.models[-1].faces).all()
     touched, touches = np.concatenate([one.points for one in line.touches]), shown["touches"]
     assert np.abs(packed.points(touches["points"]) - touched).max() <= 0.5001 * step
@@ -153,8 +153,8 @@ def edited(path, pattern, replacement):
 @pytest.mark.slow
 def test_missing_parts_leave_their_sections_out(folder):
     (folder / "launch.yaml").write_text("nodes: {a: {kind: gone.module}}\n")
-    found = sections(report_of(folder))
-    assert "The object" in found and not {"Graph", "Effects"} & found.keys()
+    by_heading = sections(report_of(folder))
+    assert "The object" in by_heading and not {"Graph", "Effects"} & by_heading.keys()
     (folder / "topics.mcap").unlink()
     text = report_of(folder)
     assert '<script type="application/json">' not in text
@@ -167,8 +167,8 @@ def test_run_without_effects_says_that_none_was_simulated(folder):
     edited(folder / "launch.yaml", r"\n( +)effects:\n(?:\1 +.*\n)+", r"\n\1effects: {}\n")
     with_recording = sections(report_of(folder))["Effects"]
     (folder / "topics.mcap").unlink()
-    for found in (with_recording, sections(report_of(folder))["Effects"]):
-        assert "gaussian_noise" not in found and "cast" not in found
+    for section in (with_recording, sections(report_of(folder))["Effects"]):
+        assert "gaussian_noise" not in section and "cast" not in section
 
 
 @pytest.mark.slow
@@ -264,15 +264,17 @@ def faulty(messages):
 @pytest.mark.slow
 def test_diagnostics_lead_to_places_and_times(folder):
     kept = open_decoded(folder)
-    messages = [(one.topic, one.message) for one in kept.published()]
+    messages = [
+        (place_of_touch.topic, place_of_touch.message) for place_of_touch in kept.published()
+    ]
     about = kept.recording.about
     write_recording(folder / "topics.mcap", [*faulty(messages)], about=about)
     summary = json.loads((folder / "summary.json").read_text())
     places = {"open_places_m": [[0.01, 0, 0.02]]}
     (folder / "summary.json").write_text(json.dumps(summary | places))
     text = report_of(folder)
-    found, shown = sections(text)["Diagnostics of the fit"], Packed(text).described["places"]
-    buttons = re.findall(r'data-place="(\d+)">([^<]*)</button>', found)
+    section, shown = sections(text)["Diagnostics of the fit"], Packed(text).described["places"]
+    buttons = re.findall(r'data-place="(\d+)">([^<]*)</button>', section)
     by_text = {text: shown[int(number)] for number, text in buttons}
     line = read_timeline(folder)
     first = line.contours[0]
@@ -288,20 +290,20 @@ def test_diagnostics_lead_to_places_and_times(folder):
     assert "a pad touched nothing there" in by_text
     for number, words in ((3, "residual 1000"), (5, "insufficient"), (7, "bottomed")):
         touch = line.touches[number]
-        (one,) = (place for text, place in by_text.items() if words in text)
-        assert one["time"] == pytest.approx(touch.time)
+        (place_of_touch,) = (place for text, place in by_text.items() if words in text)
+        assert place_of_touch["time"] == pytest.approx(touch.time)
     for kind in ("gaps in contours", "contours that did not close", "touches that fit badly"):
-        assert kind in found
+        assert kind in section
 
 
 @pytest.mark.slow
-def test_report_verb_writes_into_the_folder_of_its_run(folder, call, monkeypatch):
+def test_report_is_written_into_the_run_folder(folder, call, monkeypatch):
     monkeypatch.chdir(folder.parent)
     assert call("report run").out == "run/report.html: written\n"
     assert (folder / "report.html").read_text().count('class="view3d"') == 1
     (folder / "topics.mcap").rename(folder.parent / "topics.mcap")  # it takes long to draw
-    told = call("report run run --json").out
-    assert json.loads(told) == {"written": ["report.html"]}
+    out = call("report run run --json").out
+    assert json.loads(out) == {"written": ["report.html"]}
     assert call("report run -o one.html").out == "one.html: written\n"
     assert (folder.parent / "report.html").is_file() and (folder.parent / "one.html").is_file()
 
@@ -315,7 +317,7 @@ def test_report_verb_writes_into_the_folder_of_its_run(folder, call, monkeypatch
         pytest.param("run -o nowhere/report.html", "nowhere", marks=pytest.mark.slow),
     ],
 )
-def test_report_verb_refuses_in_one_sentence(folder, refusal, monkeypatch, words, why):
+def test_bad_report_arguments_are_refused(folder, refusal, monkeypatch, words, why):
     monkeypatch.chdir(folder.parent)
     before = sorted(folder.parent.rglob("*"))
     assert why in refusal(f"report {words}")

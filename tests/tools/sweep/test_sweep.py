@@ -13,7 +13,7 @@ from hypothesis import HealthCheck, given, settings, strategies as st
 
 from palpate.launch import charts
 from palpate.launch.files.source_map import InputError
-from palpate.tools.sweep.results import Row, draw_front, pareto_front
+from palpate.tools.sweep.results import SIZES, Row, draw_front, pareto_front
 from palpate.tools.sweep.sweep_file import read_sweep
 from palpate.tools.sweep.sweep_folder import run_sweep
 from tests.tools.sweep.workers import RECORD, Workers
@@ -21,7 +21,6 @@ from tests.tools.sweep.workers import RECORD, Workers
 FAILED = dict.fromkeys(RECORD) | {"status": "died", "exit_code": 3, "reason": "no <luck>, a"}
 FOUR = "scene: sphere\nseeds: 2\ngrid: {planner.tolerance: [1.0e-3, 0.5e-3]}\n"
 XLINK = "{http://www.w3.org/1999/xlink}"
-WIDTHS = 2  # in which each picture of a page is drawn
 
 
 def good(number):
@@ -60,7 +59,7 @@ def test_grid_is_every_combination_with_seeds_innermost(write):
     ]  # fmt: skip
 
 
-def test_each_entry_of_a_list_goes_through_the_rest_of_the_grid(write):
+def test_list_entries_are_combined_with_the_rest_of_the_grid(write):
     text = "scene: [sphere, egg]\ngrid: {planner.planner: [predicted, fuzzy], fingers: [1, 2]}\n"
     text += "list:\n  - {}\n  - {planner.planner: uniform, planner.settings.count: 4}\n"
     found = asked(write, text)
@@ -151,8 +150,8 @@ def test_interrupted_sweep_keeps_what_is_finished(sweep, tmp_path):
     answers = [RECORD, RECORD, KeyboardInterrupt()]
     done, _ = sweep(answer=lambda number: answers[number], say=said.append)
     assert (done.exit_code, done.left, len(table(out))) == (130, 2, 2)
-    told = f"interrupted: 2 of 4 runs are finished and kept; palpate sweep {out}"
-    assert said[-1].startswith(told)
+    message = f"interrupted: 2 of 4 runs are finished and kept; palpate sweep {out}"
+    assert said[-1].startswith(message)
     (out / "runs" / ".half").mkdir()  # of a sweep that was killed
     done, workers = sweep()
     assert (done.exit_code, len(workers.begun), len([*(out / "runs").iterdir()])) == (0, 2, 4)
@@ -212,19 +211,19 @@ def test_folders_in_use_or_of_something_else_are_refused(sweep, tmp_path, monkey
 
 @settings(deadline=None, max_examples=60, suppress_health_check=[HealthCheck.too_slow])
 @given(st.lists(st.tuples(st.integers(0, 6), st.integers(0, 6)), max_size=30))
-def test_front_is_what_no_point_betters(points):
+def test_front_has_all_points_that_are_not_dominated(points):
     cost, error = np.reshape(points, (-1, 2)).T
     betters = [any((c <= x and e < y) or (c < x and e <= y) for c, e in points) for x, y in points]
     assert pareto_front(cost, error).tolist() == [not one for one in betters]
 
 
 @pytest.mark.parametrize("error", [[1.0, np.nan], [1.0, None], [np.inf, 1.0], [1.0], ["a", "b"]])
-def test_front_refuses_what_is_no_finite_number(error):
+def test_front_refuses_values_that_are_not_finite(error):
     with pytest.raises(ValueError, match=r"must be finite numbers|dimensions"):
         pareto_front([1.0, 2.0], error)
 
 
-def test_text_tells_what_differs_and_marks_the_front(sweep):
+def test_text_shows_differing_settings_and_marks_front(sweep):
     answers = [{"touches": 90}, {"touches": 91, "exit_code": 1, "rms_m": 3e-5}, FAILED]
     text = "scene: sphere\nseeds: 3\ngrid: {planner.tolerance: [1.0e-3]}\n"
     shown = sweep(text, lambda place: RECORD | answers[place], by_place=True)[0].text
@@ -263,7 +262,7 @@ def test_page_leads_to_every_run_without_network(page, tmp_path):
     folders = {row["folder"] for row in table(tmp_path / "out")}
     assert {f"{one}/" for one in folders} <= {*links} and len(parts_of(text, "figure")) == 3
     dots = re.findall(r"<title>(\d): (?:(?!<title>).)*?<a xlink:href", text, re.DOTALL)
-    assert dots == 3 * WIDTHS * ["1", "2", "3"] and len(parts_of(text, "tr")) == 5
+    assert dots == 3 * len(SIZES) * ["1", "2", "3"] and len(parts_of(text, "tr")) == 5
     assert not re.search(r"https?://(?!www\.w3\.org)|src=|@import|url\((?!#)", text)
     assert "no <luck>" not in text and "1 run without a model" in text
 
@@ -277,8 +276,10 @@ def drawn(rows, cost="touches"):
     return axes, dots, [one for one in axes.lines if one.get_drawstyle() == "steps-post"]
 
 
-def row_of(number, **found):
-    return Row(number, {"scene": found.pop("scene", "sphere")}, RECORD | {"folder": "f"} | found)
+def row_of(number, **figures):
+    return Row(
+        number, {"scene": figures.pop("scene", "sphere")}, RECORD | {"folder": "f"} | figures
+    )
 
 
 def test_chart_shows_each_run_with_its_bound_and_the_front():

@@ -32,8 +32,8 @@ def figures(folder):
 @pytest.mark.slow
 @pytest.mark.timeout(300)
 def test_processes_of_which_one_is_killed_make_the_same_table(two, tmp_path):
-    one, other = tmp_path / "one", tmp_path / "other"
-    assert run_sweep(two, one, LocalWorkers(1), print).exit_code == 1
+    first, second = tmp_path / "one", tmp_path / "other"
+    assert run_sweep(two, first, LocalWorkers(1), print).exit_code == 1
     workers, begin = LocalWorkers(2), LocalWorkers.begin
 
     def begin_and_kill(job):
@@ -44,9 +44,9 @@ def test_processes_of_which_one_is_killed_make_the_same_table(two, tmp_path):
 
     killed: list[multiprocessing.Process] = []
     workers.begin = begin_and_kill
-    run_sweep(two, other, workers, print)
-    assert killed and figures(one) == figures(other)
-    names = {path.name for path in (other / "runs" / two.runs[0].name).iterdir()}
+    run_sweep(two, second, workers, print)
+    assert killed and figures(first) == figures(second)
+    names = {path.name for path in (second / "runs" / two.runs[0].name).iterdir()}
     assert {"summary.json", "launch.yaml", "scene.yaml", "run.json"} <= names
 
 
@@ -86,10 +86,9 @@ def test_cluster_makes_the_table_of_one_process(two, tmp_path):
 
 
 def test_missing_scheduler_is_refused_in_one_sentence(monkeypatch):
-    monkeypatch.setattr("palpate.tools.sweep.sweep_folder.ANSWER_TIME", 0.2)
     wanted = "--scheduler needs dask.distributed .*pip install 'palpate|no scheduler can be reached"
     with pytest.raises(InputError, match=wanted):
-        ClusterWorkers("tcp://127.0.0.1:1")
+        ClusterWorkers("tcp://127.0.0.1:1", timeout=0.2)
     monkeypatch.setitem(__import__("sys").modules, "distributed", None)
     with pytest.raises(InputError, match=r"needs dask.distributed .*'palpate\[sweep\]'"):
         ClusterWorkers("tcp://127.0.0.1:1")
@@ -110,7 +109,7 @@ def swept(monkeypatch, tmp_path, two):
     return calls
 
 
-def test_sweep_verb_prints_its_result(swept, write, call, tmp_path):
+def test_sweep_command_prints_its_result(swept, write, call, tmp_path):
     file = write("sweep.yaml", "scene: sphere\nseeds: 2\n")
     code, out, err = call("sweep --workers 3", file)
     assert (code, err) == (1, "1 of 1\n")

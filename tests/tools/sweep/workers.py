@@ -25,11 +25,11 @@ class Workers:
 
     def finished(self):
         place, job = self.waiting.pop()
-        found = self.answer(place if self.by_place else self.answered)
+        record = self.answer(place if self.by_place else self.answered)
         self.answered += 1
-        if isinstance(found, BaseException):
-            raise found
-        return [(job, found)]
+        if isinstance(record, BaseException):
+            raise record
+        return [(job, record)]
 
     def close(self):
         self.closed = True

@@ -1,4 +1,4 @@
-"""What happened in robot time; the scene and controls that a browser is sent, without a browser."""
+"""Timelines, and the scene and controls that a browser is sent, without a browser."""
 
 import io
 import socket
@@ -25,43 +25,43 @@ CONTROLS = ("add_html", "add_checkbox", "add_dropdown")
 
 
 class Seen:
-    """What a server has been asked to show: nodes of the scene and controls, by name."""
+    """Nodes of the scene and controls that a server was asked to show, by name."""
 
     def __init__(self, server: Any) -> None:
         self.nodes: dict[str, Any] = {}
-        self.given: dict[str, tuple[Any, ...]] = {}
+        self.sources: dict[str, tuple[Any, ...]] = {}
         self.controls: dict[str, Any] = {}
         self._texts: list[Any] = []
         for place, names in ((server.scene, DRAWN), (server.gui, CONTROLS)):
             for name in names:
-                setattr(place, name, self._noting(getattr(place, name)))
+                setattr(place, name, self._recording(getattr(place, name)))
 
-    def _noting(self, make: Callable[..., Any]) -> Callable[..., Any]:
-        def do(name: str, *what: Any, **how: Any) -> Any:
-            handle = make(name, *what, **how)
-            if "visible" in how and name.startswith("/"):
-                self.nodes[name], self.given[name] = handle, what
+    def _recording(self, make: Callable[..., Any]) -> Callable[..., Any]:
+        def make_and_record(name: str, *arguments: Any, **options: Any) -> Any:
+            handle = make(name, *arguments, **options)
+            if "visible" in options and name.startswith("/"):
+                self.nodes[name], self.sources[name] = handle, arguments
             elif hasattr(handle, "content"):
                 self._texts.append(handle)
             else:
                 self.controls[name] = handle
             return handle
 
-        return do
+        return make_and_record
 
     def names(self) -> set[str]:
         return {name for name, node in self.nodes.items() if node.visible}
 
     def text(self) -> str:
-        return " ".join(one.content for one in self._texts)
+        return " ".join(text.content for text in self._texts)
 
     def all(self) -> Any:
         """Everything that is seen, in a form that can be compared."""
         shown = {
             name: (
                 tuple(np.round(self.nodes[name].position, 9)),
-                *(one if isinstance(one, bytes) else np.asarray(one).tobytes()
-                  for one in self.given[name]),
+                *(part if isinstance(part, bytes) else np.asarray(part).tobytes()
+                  for part in self.sources[name]),
             )
             for name in self.names()
         }  # fmt: skip
@@ -70,8 +70,8 @@ class Seen:
 
 @pytest.fixture
 def server():
-    with serving(PORT) as one:
-        yield one
+    with serving(PORT) as viser_server:
+        yield viser_server
 
 
 @pytest.fixture
@@ -89,7 +89,7 @@ def choose(view, seen, label, value):
     view.draw()
 
 
-def test_jump_shows_what_playing_has_shown(view, seen):
+def test_seeking_shows_the_same_as_playing(view, seen):
     view.watched = True
     played = {}
     while view.playing:
@@ -99,10 +99,10 @@ def test_jump_shows_what_playing_has_shown(view, seen):
     for when in np.random.default_rng(1).permutation([*played]):
         view.seek(when)
         assert seen.all() == played[when]
-    assert len({str(one) for one in played.values()}) > 10
+    assert len({str(state) for state in played.values()}) > 10
 
 
-def test_only_what_exists_at_a_time_is_shown(view, seen):
+def test_future_events_are_not_shown(view, seen):
     view.seek(0.0)
     assert seen.names() == set()
     view.seek(view.line.end)
@@ -110,9 +110,9 @@ def test_only_what_exists_at_a_time_is_shown(view, seen):
     assert {*kinds} == {"contours", "patch", "finger", "touched", "solid", "untouched"}
     assert kinds.count("contours") == len(view.line.contours)
     moment = view.line.at(view.line.end)
-    drawn = {f"/{one.path}/{one.time}": one.shape for one in view.line.drawn(moment)}
+    drawn = {f"/{part.path}/{part.time}": part.shape for part in view.line.drawn(moment)}
     for name in (name for name in seen.names() if name.startswith("/contours/")):
-        pieces, colour = seen.given[name][:2]
+        pieces, colour = seen.sources[name][:2]
         np.testing.assert_array_equal(pieces, drawn[name].pieces())
         assert colour == LAYERS["contours"].rgb
 
@@ -122,11 +122,11 @@ def test_each_layer_can_be_chosen_by_its_name(view, seen):
     for name, layer in LAYERS.items():
         assert seen.controls[layer.label].value == layer.shown
         choose(view, seen, layer.label, True)
-        shown = {one.split("/")[1] for one in seen.names()}
-        assert (name in shown) == (name in {one.layer for one in drawn_at_end(view.line)})
+        shown = {path.split("/")[1] for path in seen.names()}
+        assert (name in shown) == (name in {drawable.layer for drawable in drawn_at_end(view.line)})
         assert f'{layer.colour}"></i> {layer.label}' in seen.text()
         choose(view, seen, layer.label, False)
-    assert {one.split("/")[1] for one in seen.names()} == {"patch"}
+    assert {path.split("/")[1] for path in seen.names()} == {"patch"}
 
 
 def drawn_at_end(line):
@@ -135,8 +135,8 @@ def drawn_at_end(line):
 
 def body_of(seen):
     """The file of the solid that is seen."""
-    (name,) = (one for one in seen.names() if one.startswith("/solid/"))
-    return seen.given[name][0]
+    (name,) = (path for path in seen.names() if path.startswith("/solid/"))
+    return seen.sources[name][0]
 
 
 def solid_of(seen):
@@ -146,11 +146,11 @@ def solid_of(seen):
     return trimesh.load(io.BytesIO(body), file_type="glb", force="mesh", process=False)
 
 
-def test_colours_tell_deviation_or_uncertainty(view, seen, server, run_folder):
+def test_colours_show_deviation_or_uncertainty(view, seen, server, run_folder):
     view.seek(view.line.end)
     body, plain = body_of(seen), solid_of(seen)
-    known = {one.tobytes() for one in np.float32(view.line.models[-1].vertices)}
-    assert {one.tobytes() for one in np.float32(plain.vertices)} <= known
+    known = {row.tobytes() for row in np.float32(view.line.models[-1].vertices)}
+    assert {row.tobytes() for row in np.float32(plain.vertices)} <= known
     assert view.scene.scale is None
     for colouring in ("deviation", "uncertainty"):
         choose(view, seen, "colour", colouring)
@@ -183,7 +183,7 @@ def test_time_passes_at_its_speed_while_watched(view):
 
 
 def test_step_is_a_touch_and_pauses(view, seen):
-    times = [one.time for one in view.line.touches]
+    times = [touch.time for touch in view.line.touches]
     view.seek(times[4])
     view.step(1)
     assert (view.when, view.playing) == (times[5], False)
@@ -203,14 +203,14 @@ def test_moved_slider_is_not_moved_back(view):
     assert view.panel.slider.value == 50.0
 
 
-def test_running_graph_is_followed_until_one_looks_back(server, run_folder):
+def test_running_graph_is_followed_until_a_user_seeks(server, run_folder):
     past = read_timeline(run_folder)
     line = Timeline(known=past.known)
     view = View(server, line, recorded=False)
-    for one in past.touches[:20]:
-        line.touches.append(one)
+    for touch in past.touches[:20]:
+        line.touches.append(touch)
         view.pass_time(0.05)
-        assert view.when == one.time
+        assert view.when == touch.time
     view.seek(past.touches[3].time)
     line.touches += past.touches[20:]
     view.pass_time(0.05)
@@ -239,8 +239,8 @@ def test_large_solids_are_thinned_and_few_are_kept(view, seen):
     model = replace(view.line.models[-1], vertices=vertices, faces=faces)
     view.line.models[-1] = model
     view.seek(view.line.end)
-    drawn, whole = view.scene.triangles
-    assert whole == len(faces) and 10_000 < drawn <= 20_000
+    (drawn, whole), limits = view.scene.triangles, view.scene.settings
+    assert whole == len(faces) and limits.max_triangles / 2 < drawn <= limits.max_triangles
     thin = solid_of(seen)
     assert abs(thin.volume) == pytest.approx(body.volume, rel=0.01)
     small = view.line.models[0]
@@ -251,7 +251,7 @@ def test_large_solids_are_thinned_and_few_are_kept(view, seen):
         view.seek(float(number))
         handle = seen.nodes[f"/solid/plain/{number}"]
         handle.remove = lambda name=handle.name: removed.append(name)
-    assert len(removed) >= len(numbers) - 48
+    assert len(removed) >= len(numbers) - limits.max_solids
     view.seek(0.0)
     assert "/solid/plain/0" in seen.names()
 
@@ -281,24 +281,24 @@ def test_view_without_a_run_is_refused(here, runtime, capsys):
 
 @pytest.fixture(scope="module")
 def messages(run_folder):
-    return [one.message for one in open_decoded(run_folder).published()]
+    return [decoded.message for decoded in open_decoded(run_folder).published()]
 
 
 def timeline_of(messages):
     line = Timeline()
-    for one in messages:
-        line.add(one)
+    for message in messages:
+        line.add(message)
     return line
 
 
 def contents(line):
     """What a timeline holds, as far as it can be compared."""
     touches = [
-        (one.time, one.goal, one.number, one.points.tobytes(), np.float64(one.force).tobytes())
-        for one in line.touches
+        (*touch[:3], touch.points.tobytes(), np.float64(touch.force).tobytes())
+        for touch in line.touches
     ]
-    models = [(one.robot_time, one.number) for one in line.models]
-    contours = [(one.robot_time, one.id) for one in line.contours]
+    models = [(model.robot_time, model.number) for model in line.models]
+    contours = [(contour.robot_time, contour.id) for contour in line.contours]
     return touches, models, contours, sorted(line.scores), sorted(line.spaces), line.end
 
 
@@ -306,37 +306,37 @@ def contents(line):
 def test_order_of_arrival_does_not_matter(seed, messages, line):
     mixed = [messages[i] for i in np.random.default_rng(seed).permutation(len(messages))]
     assert contents(timeline_of(mixed)) == contents(line)
-    assert np.isfinite([one.force for one in line.touches]).any()
+    assert np.isfinite([touch.force for touch in line.touches]).any()
 
 
-def test_nothing_is_taken_back_as_time_passes(line):
+def test_moments_only_grow_with_time(line):
     times = np.linspace(-1.0, line.end + 1.0, 500)
     moments = np.array([line.at(time) for time in times])
     assert (np.diff(moments, axis=0) >= 0).all() and not moments[0].any()
     kinds = (line.touches, line.grasps, line.contours, line.models)
     assert tuple(moments[-1]) == tuple(map(len, kinds))
-    for number, one in enumerate(line.touches, 1):  # a touch is there from its end on
-        assert line.at(one.time).touches >= number
-        assert line.at(np.nextafter(one.time, 0.0)).touches < number
+    for number, touch in enumerate(line.touches, 1):  # a touch is there from its end on
+        assert line.at(touch.time).touches >= number
+        assert line.at(np.nextafter(touch.time, 0.0)).touches < number
 
 
-def test_messages_wait_for_what_they_need(messages, line):
-    early = timeline_of([one for one in messages if isinstance(one, SurfacePatch)])
+def test_touches_wait_for_the_sensor(messages, line):
+    early = timeline_of([patch for patch in messages if isinstance(patch, SurfacePatch)])
     assert early.touches == []
-    early.add(next(one for one in messages if isinstance(one, SensorInfo)))
-    assert [one.time for one in early.touches] == [one.time for one in line.touches]
-    score = next(one for one in messages if isinstance(one, Score))
+    early.add(next(some for some in messages if isinstance(some, SensorInfo)))
+    assert [touch.time for touch in early.touches] == [touch.time for touch in line.touches]
+    score = next(some for some in messages if isinstance(some, Score))
     better = replace(score, number=score.number + 100, rms=1e-9)
     assert timeline_of([better, score]).scores[score.number].rms == score.rms
-    model = next(one for one in messages if isinstance(one, ShapeModel))
+    model = next(some for some in messages if isinstance(some, ShapeModel))
     bare = replace(model, vertices=np.zeros((0, 3)), faces=np.zeros((0, 3), np.int32))
     assert timeline_of([bare]).models == []
 
 
 def test_touched_points_lie_on_the_true_surface(line):
-    hits = [one for one in line.touches if one.outcome == "hit"]
-    assert len(hits) > 10 and max(len(one.points) for one in hits) <= 48
-    assert line.surface.deviations(np.concatenate([one.points for one in hits])).max() < 1e-4
+    hits = [touch.points for touch in line.touches if touch.outcome == "hit"]
+    assert len(hits) > 10 and max(map(len, hits)) <= line.max_points
+    assert line.surface.deviations(np.concatenate(hits)).max() < 1e-4
 
 
 def test_drawn_finger_is_closed_with_its_tip_at_the_pad():
