@@ -123,8 +123,7 @@ def fit_faces(
 
     A convex body is the upper envelope of its faces over the pad, a hollow one the lower; the
     better initial guess decides. Planes are fitted to the taxels where they form the envelope, and
-    these are assigned anew, in rounds:
-    Magnani and Boyd, *Convex piecewise-linear fitting*, 2009.
+    these are assigned anew, in rounds: Magnani and Boyd, *Convex piecewise-linear fitting*, 2009.
     """
     if len(cells.slopes) < count:
         return None

@@ -79,9 +79,9 @@ def frame_fault(
     """Fault of a frame as a whole.
 
     `compression` (rows, cols): as the array reports it [m]. `smooth` (rows, cols): the same without
-    impulses, which are no fault [m]. `noise`: standard deviation of one taxel [m].
-    `contact`: least compression that counts as touched [m]. `pressed`: whether the guarded move
-    ended on a surface, so that some taxel must read it.
+    impulses, which are no fault [m]. `noise`: standard deviation of one taxel [m]. `contact`: least
+    compression that counts as touched [m]. `pressed`: whether the guarded move ended on a surface,
+    so that some taxel must read it.
     """
     limit, spread = pad.saturation * pad.thickness, settings.noise_sigmas * noise
     most = 0.5 * (limit + pad.thickness) + spread

@@ -48,8 +48,8 @@ def surface_points(
 ) -> SurfacePoints:
     """Surface points under the touched taxels of one touch, and normals from the jet.
 
-    `pose` is the pad's in the world, `surface` (rows, cols) lies over the plane of its face,
-    [m]. Without a jet the normal is the pad's own. Next to an edge, which the jet does not follow,
+    `pose` is the pad's in the world, `surface` (rows, cols) lies over the plane of its face [m].
+    Without a jet the normal is the pad's own. Next to an edge, which the jet does not follow,
     normals are those of planes beside it; a taxel without a reliable normal is left out.
     """
     x, y = pad.grid()

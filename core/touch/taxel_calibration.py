@@ -33,9 +33,7 @@ class TaxelSettings:
 
     min_presses: int = 4  # of a taxel with a gain and an offset of its own
     min_taxels: int = 16  # pressed so often
-    min_known: float = (
-        0.15e-3  # [m] compression; pose errors may have lifted the pad from smaller ones
-    )
+    min_known: float = 0.15e-3  # [m] compression; pose errors may have lifted smaller ones
     min_gain: float = 0.3  # reading over compression of a trusted taxel, median
     max_free_offset: float = 0.2e-3  # [m] of a trusted taxel from the median, in free frames
     min_noise: float = 1e-7  # [m] of a taxel; without it priors vanish beside the readings
