@@ -53,7 +53,7 @@ class FaceFitSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class IsolatedSettings:
-    """Which taxels off a jet are isolated outliers."""
+    """Detection of isolated taxels off a jet."""
 
     outlier_sigmas: float = 5.0  # robust; noise on 256 taxels exceeds it once in 7000 frames
     max_outliers: int = 3  # more are a shape that the jet cannot follow

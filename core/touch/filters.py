@@ -284,7 +284,7 @@ def _supported(
     settings: ImpulseSettings,
     supporting: Bools | None = None,
 ) -> Bools:
-    """Which taxels lie on three even lines, or on one or two with core taxels that do.
+    """Taxels that lie on three even lines, or on one or two with core taxels that do.
 
     A line is even for a taxel if it bends by no more than that taxel's `max_bend`. One line may be
     even by chance; it counts twice if it is straight but for noise. An impulse up and one down are
@@ -351,7 +351,7 @@ def _misfit(
 
 
 def _in_squares(marked: Bools, image: Floats, max_step: float) -> Bools:
-    """Which marked taxels belong to a square of four marked ones that differ by less than a step.
+    """Marked taxels that belong to a square of four marked ones which differ by less than a step.
 
     The four at the top of a cone do, and impulses hardly ever.
     """
@@ -366,7 +366,7 @@ def _in_squares(marked: Bools, image: Floats, max_step: float) -> Bools:
 
 
 def _level(image: Floats, impulses: Bools, max_step: float) -> Bools:
-    """Which taxels are within a step of a neighbour that is no impulse."""
+    """Taxels within a step of a neighbour that is no impulse."""
     around = neighbourhoods(np.where(impulses, np.inf, image))
     nearest = np.abs(around - image[..., None]).min(axis=-1)
     result: Bools = nearest < max_step

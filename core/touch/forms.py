@@ -21,7 +21,7 @@ ISOTROPIC.setflags(write=False)
 
 
 class ShapeOperator(NamedTuple):
-    """How the outward normal turns along the surface, in orthonormal tangents."""
+    """Rate of turn of the outward normal along the surface, in orthonormal tangents."""
 
     tangents: Floats  # two orthonormal tangents as rows, (2, 3)
     normal: Floats  # outward unit normal, (3,)

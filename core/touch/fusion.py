@@ -20,7 +20,7 @@ from palpate.reprs import readable
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FusionSettings:
-    """How the filter learns how quickly curvature changes along a surface."""
+    """Estimate of the rate at which curvature changes along a surface."""
 
     # Squared innovation above which a touch is followed at once: chi-squared with three degrees of
     # freedom exceeds it in 5 % of cases.

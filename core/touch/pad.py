@@ -46,7 +46,7 @@ DEFAULT_CONTACT = ContactSettings()
 
 
 class FaceModel(NamedTuple):
-    """How the pad's face yields beside a contact."""
+    """Deformation of the pad's face beside a contact."""
 
     kind: FaceKind
     decay: float = 0.0  # [m] length in which a membrane falls to 1/e; 0 for the others
@@ -104,7 +104,7 @@ def _read_only(array: Floats) -> Floats:
 
 
 class GuardedMove(NamedTuple):
-    """How a guarded move ended."""
+    """Result of a guarded move."""
 
     outcome: TouchOutcome  # as in a tactile frame
     pose: Pose  # of the pad at the end
@@ -227,7 +227,7 @@ def half_space_influence(pad: Pad) -> Floats:
 @readable
 @dataclass(frozen=True, slots=True, eq=False)
 class Calibration:
-    """How an array's signal is turned into compression of its pad, and back."""
+    """Conversion between an array's signal and the compression of its pad."""
 
     signal: Signal
     thickness: float  # [m] of the undeformed pad

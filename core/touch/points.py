@@ -21,7 +21,7 @@ from palpate.core.touch.pad import Pad
 
 @dataclass(frozen=True, slots=True)
 class EdgeSlopeSettings:
-    """Where normals come from a plane beside an edge instead of the smooth surface."""
+    """Choice between normals of a plane beside an edge and of the smooth surface."""
 
     square_side: int = 3  # [taxels] of the squares to which planes are fitted
     edge_ratio: float = 3.0  # misfit of the smooth surface over the plane's, above which it is edge

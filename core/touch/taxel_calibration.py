@@ -29,7 +29,7 @@ TaxelIndices = NDArray[np.signedinteger]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TaxelSettings:
-    """Which taxels and readings a calibration uses, and its initial guess."""
+    """Selection of taxels and readings for a calibration, and its initial guess."""
 
     min_presses: int = 4  # of a taxel with a gain and an offset of its own
     min_taxels: int = 16  # pressed so often
@@ -109,7 +109,7 @@ def _initial_estimate(presses: CalibrationTouches, settings: TaxelSettings) -> I
 
 
 def _trusted(presses: CalibrationTouches, offset: Floats, settings: TaxelSettings) -> Bools:
-    """Which taxels respond to presses, and to presses only."""
+    """Taxels that respond to presses, and to presses only."""
     pressed = presses.known > settings.min_known
     with np.errstate(invalid="ignore", divide="ignore"):
         share = np.where(pressed, (presses.read - offset) / presses.known, np.nan)
