@@ -45,7 +45,7 @@ class FrameSettings:
 class PlateauSettings:
     """When equal largest readings are a cut-off, and not the top of a surface."""
 
-    rounding: float = 1e-9  # fraction of the largest reading
+    rounding: float = FrameSettings().rounding  # fraction of the largest reading
     min_taxels: int = 3  # fewer are the top of a surface that lies evenly on the grid
     max_share: float = 0.5  # fraction of the touched taxels, where the others bear no curvature
     min_excess: float = 0.008  # [pitches] by which the surface beside them must lead beyond them
