@@ -24,7 +24,7 @@ Indices = NDArray[np.intp]
 
 @dataclass(frozen=True, slots=True)
 class CrossingSettings:
-    """What counts as a crossing, rather than as contact or rounding."""
+    """Distinction of crossings from contact and rounding."""
 
     # Fraction of the mesh's largest extent by which each face must pass beyond the other's plane.
     # Coordinates of single precision are rounded by 6e-8 of the largest.

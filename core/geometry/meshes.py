@@ -23,7 +23,7 @@ Indices = NDArray[np.intp]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MeshSettings:
-    """Which edges of a mesh are edges of its solid."""
+    """Distinction of a solid's edges from those of a smooth surface's mesh."""
 
     sharp_angle: float = math.radians(30.0)  # [rad] between faces at an edge of the solid
 

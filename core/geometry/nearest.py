@@ -31,7 +31,7 @@ SLIVER_HEIGHT = 1e-8  # over length; a lower triangle counts as its edges alone
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CuttingSettings:
-    """How far long triangles are cut for the search, which changes its speed alone."""
+    """Cutting of long triangles for the search, which affects its speed only."""
 
     max_extra_pieces: int = 50_000  # beyond twice the number of faces
     max_length: float = 2.0  # longest edge over the root of the mean area
@@ -210,7 +210,7 @@ class Triangles(NamedTuple):
 
 
 def are_slivers(corners: Floats) -> Bools:
-    """Which triangles (m, 3, 3) have no area: their height is up to 1e-8 of the longest edge."""
+    """Whether triangles (m, 3, 3) have no area: their height is up to 1e-8 of the longest edge."""
     longest = _squared_edges(corners).max(axis=1)
     return np.asarray(2.0 * areas_and_normals(corners)[0] <= SLIVER_HEIGHT * longest)
 

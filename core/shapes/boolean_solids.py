@@ -35,8 +35,8 @@ class BooleanSettings:
 
     check_level: int = 3  # of the mesh whose volume is tested
     min_volume: float = 1e-9  # fraction of the box; smaller is rounding
-    # Solids from which on each is meshed a level coarser, and a further one from four times as many
-    # on: together they have no more facets than a few.
+    # Number of solids from which each is meshed one level coarser, and two from four times as many:
+    # together they have no more facets than a few.
     many_solids: int = 8
 
 

@@ -35,10 +35,9 @@ from palpate.core.shapes.superquadrics import (
 
 MAX_TILT = math.radians(75.0)  # near 90 degrees the section's plane contains the axis
 MAX_HEIGHTS = 64
-MIN_STEP = 1e-9  # [m] between two heights
+MIN_LENGTH = 1e-9  # [m] of a radius, and between two heights
 RANGE_TOLERANCE = 1e-13  # fraction of the solid's height or least radius
 MIN_RADII, MAX_RADII = 3, 64
-MIN_RADIUS = 1e-9  # [m]
 
 
 class GeneralisedCylinder(ImplicitShape):
@@ -204,9 +203,9 @@ def _checked_scale(heights: Floats, scales: Floats, smooth: bool) -> PiecewiseCu
     scales = finite_array("scales", scales, (len(heights),))
     if not 2 <= len(heights) <= MAX_HEIGHTS:
         raise ValueError(f"heights must be 2 to {MAX_HEIGHTS}, got {len(heights)}")
-    if not (np.diff(heights) >= MIN_STEP).all():
+    if not (np.diff(heights) >= MIN_LENGTH).all():
         raise ValueError(
-            f"heights must increase, by {MIN_STEP:g} m or more, got {heights.tolist()} m"
+            f"heights must increase, by {MIN_LENGTH:g} m or more, got {heights.tolist()} m"
         )
     if not ((scales[1:-1] > 0.0).all() and min(scales[0], scales[-1]) >= 0.0 < scales.max()):
         raise ValueError(f"scales must be positive, but for 0 at an end, got {scales.tolist()}")
@@ -341,9 +340,9 @@ class SplineSection:
         radii = finite_array("radii", radii, (None,))
         if not MIN_RADII <= len(radii) <= MAX_RADII:
             raise ValueError(f"radii must be {MIN_RADII} to {MAX_RADII}, got {len(radii)}")
-        if not (radii >= MIN_RADIUS).all():
+        if not (radii >= MIN_LENGTH).all():
             raise ValueError(
-                f"radii must be positive, {MIN_RADIUS:g} m or more, got {radii.tolist()} m"
+                f"radii must be positive, {MIN_LENGTH:g} m or more, got {radii.tolist()} m"
             )
         self._rho = periodic_spline(np.linspace(0.0, 2 * math.pi, len(radii) + 1), radii)
         least = self._rho.value_range()[0]
@@ -434,9 +433,9 @@ class SuperellipseSection:
 
     def __init__(self, size: Floats, exponent: float):
         size = finite_array("size", size, (2,))
-        if not (size >= MIN_RADIUS).all():
+        if not (size >= MIN_LENGTH).all():
             raise ValueError(
-                f"size must be positive, {MIN_RADIUS:g} m or more, got {size.tolist()} m"
+                f"size must be positive, {MIN_LENGTH:g} m or more, got {size.tolist()} m"
             )
         if not MIN_EXPONENT <= exponent <= MAX_EXPONENT:
             raise ValueError(

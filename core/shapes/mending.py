@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MendSettings:
-    """What is repaired in a mesh, and how far; lengths are fractions of its largest extent."""
+    """Limits of the repair of a mesh; lengths are fractions of its largest extent."""
 
     max_hole: float = 0.1  # width; the surface behind a wider one is unknown
     min_piece: float = 0.01  # smaller loose pieces are no part of the object

@@ -169,7 +169,7 @@ class _Grid(NamedTuple):
 
 
 def _outward(grid: _Grid, places: Floats, normals: Floats, smoothing: float) -> Bools:
-    """Which hits (k,) are on the side of their faces that most rays nearby see."""
+    """Hits (k,) on the side of their faces that most rays nearby see."""
     at = grid.nearest(places)
     mean = np.stack([axis[at] for axis in grid.field(places, normals, smoothing)], axis=1)
     return np.asarray((mean * normals).sum(axis=1) > 0.0)
@@ -240,7 +240,7 @@ def without_crossings(places: Floats, moved: Floats, faces: Ints, max_rounds: in
 
 
 def _may_cross(vertices: Floats, faces: Ints, changed: Ints) -> Bools:
-    """Which faces (m, 3) may cross a face of the changed vertices (k,).
+    """Whether faces (m, 3) may cross a face of the changed vertices (k,).
 
     A face that crosses another has a corner within twice the longest edge of each of its corners.
     """

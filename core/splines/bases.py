@@ -351,7 +351,7 @@ class Interpolant(NamedTuple):
     """A spline that interpolates values."""
 
     control: Floats  # coefficients (count_1, ..., count_d, c), in the unit of the values
-    condition: float  # number of the system: the product of those along the axes
+    condition: float  # condition number of the system: the product of those along the axes
 
 
 def interpolate_grid(

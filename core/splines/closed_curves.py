@@ -59,7 +59,7 @@ class ClosedCurve:
     dropped: int  # rows that were not finite
     residual: float  # [m] root mean square distance of the points from their places on the curve
     sigma: float  # [m] estimated noise: standard deviation of one coordinate
-    condition: float  # number of the matrix from control points to points and bending
+    condition: float  # condition number of the matrix from control points to points and bending
     effective: float  # degrees of freedom for each coordinate; number of points if interpolated
     smoothing: float  # weight of the bending against that of the points; 0: interpolated
     flags: CurveFlags

@@ -47,7 +47,7 @@ class CurveFitSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ChordSettings:
-    """Which chords show corners, and which show points at equal distances along a curve."""
+    """Detection of corners, and of points at equal distances, from the chords of a curve."""
 
     corner_angle: float = np.pi / 3  # [rad] turn of the polygon at a corner
     max_corner_share: float = 0.2  # of the points; more such turns are noise
@@ -107,7 +107,7 @@ class CurveFit(NamedTuple):
     control: Floats  # (n, d)
     knots: Floats  # (n + 7,), over 0 to 1; the first 3 control points are repeated
     parameters: Floats  # (m,), of the points, in turns
-    condition: float  # number of the matrix from control points to points and bending
+    condition: float  # condition number of the matrix from control points to points and bending
     effective: float  # degrees of freedom for each coordinate
     smoothing: float  # weight of the bending against the mean weight of the points
 

@@ -330,7 +330,7 @@ def _nearest_samples(volume: SplineVolume, points: Floats, settings: InversionSe
 
 
 def is_folded(volume: SplineVolume, slopes: Floats, min_determinant: float = 1e-12) -> Bools:
-    """Where slopes (n, 3, 3) of a volume have no determinant of the volume's sign.
+    """Whether slopes (n, 3, 3) of a volume have no determinant of the volume's sign.
 
     That is the sign of the mean determinant: a volume may be a ring and fold nowhere.
     `min_determinant`: over the product of the slopes' largest components; smaller ones are 0.

@@ -53,7 +53,7 @@ class FaceFitSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class IsolatedSettings:
-    """Which taxels off a jet are isolated outliers."""
+    """Detection of isolated taxels off a jet."""
 
     outlier_sigmas: float = 5.0  # robust; noise on 256 taxels exceeds it once in 7000 frames
     max_outliers: int = 3  # more are a shape that the jet cannot follow
@@ -123,8 +123,7 @@ def fit_faces(
 
     A convex body is the upper envelope of its faces over the pad, a hollow one the lower; the
     better initial guess decides. Planes are fitted to the taxels where they form the envelope, and
-    these are assigned anew, in rounds:
-    Magnani and Boyd, *Convex piecewise-linear fitting*, 2009.
+    these are assigned anew, in rounds: Magnani and Boyd, *Convex piecewise-linear fitting*, 2009.
     """
     if len(cells.slopes) < count:
         return None

@@ -45,7 +45,7 @@ class FrameSettings:
 class PlateauSettings:
     """When equal largest readings are a cut-off, and not the top of a surface."""
 
-    rounding: float = 1e-9  # fraction of the largest reading
+    rounding: float = FrameSettings().rounding  # fraction of the largest reading
     min_taxels: int = 3  # fewer are the top of a surface that lies evenly on the grid
     max_share: float = 0.5  # fraction of the touched taxels, where the others bear no curvature
     min_excess: float = 0.008  # [pitches] by which the surface beside them must lead beyond them
@@ -79,9 +79,9 @@ def frame_fault(
     """Fault of a frame as a whole.
 
     `compression` (rows, cols): as the array reports it [m]. `smooth` (rows, cols): the same without
-    impulses, which are no fault [m]. `noise`: standard deviation of one taxel [m].
-    `contact`: least compression that counts as touched [m]. `pressed`: whether the guarded move
-    ended on a surface, so that some taxel must read it.
+    impulses, which are no fault [m]. `noise`: standard deviation of one taxel [m]. `contact`: least
+    compression that counts as touched [m]. `pressed`: whether the guarded move ended on a surface,
+    so that some taxel must read it.
     """
     limit, spread = pad.saturation * pad.thickness, settings.noise_sigmas * noise
     most = 0.5 * (limit + pad.thickness) + spread

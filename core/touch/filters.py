@@ -19,7 +19,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from palpate.core.arrays import Bools, Floats, Ints, scaled_mad
 from palpate.core.touch.faults import FrameFault, check_image, frame_fault
 from palpate.core.touch.jet import fit_robust_jet, monomials, supported_degree
-from palpate.core.touch.pad import DEFAULT_CONTACT, ContactSettings, Pad, contact_mask
+from palpate.core.touch.pad import DEFAULT_CONTACT, Pad, contact_mask
 
 # Which filters are applied, and which of two comes first.
 FilterOrder = Literal["auto", "none", "wiener", "median", "median-first", "wiener-first"]
@@ -58,7 +58,7 @@ class ImpulseSettings:
 class CleaningSettings:
     """When a frame is repaired, and when it has too many impulses to show a surface."""
 
-    contact: ContactSettings = DEFAULT_CONTACT
+    contact_sigmas: float = DEFAULT_CONTACT.min_sigmas  # of a touched taxel's noise, at least
     impulses: ImpulseSettings = ImpulseSettings()
     # Fraction of the taxels that stand off the median around them. With impulses in half of the
     # taxels 0.3 do, with impulses in a third 0.2.
@@ -115,12 +115,12 @@ def clean(
     if fault != "none":
         return CleanedImage(compression, nothing, 0, fault)
     if order == "auto":
-        least = max(contact, settings.contact.min_sigmas * noise)
+        least = max(contact, settings.contact_sigmas * noise)
         repaired, impulses = remove_all_impulses(pad, compression, least, noise, settings)
-        touched = contact_mask(pad, repaired, contact, noise, settings.contact) & ~impulses
+        touched = contact_mask(pad, repaired, contact, noise, settings.contact_sigmas) & ~impulses
         return CleanedImage(repaired, touched, int(np.count_nonzero(impulses)))
     filtered = FILTERS[order](compression, noise**2)
-    touched = contact_mask(pad, filtered, contact, noise, settings.contact)
+    touched = contact_mask(pad, filtered, contact, noise, settings.contact_sigmas)
     return CleanedImage(filtered, touched, 0)
 
 
@@ -284,7 +284,7 @@ def _supported(
     settings: ImpulseSettings,
     supporting: Bools | None = None,
 ) -> Bools:
-    """Which taxels lie on three even lines, or on one or two with core taxels that do.
+    """Taxels that lie on three even lines, or on one or two with core taxels that do.
 
     A line is even for a taxel if it bends by no more than that taxel's `max_bend`. One line may be
     even by chance; it counts twice if it is straight but for noise. An impulse up and one down are
@@ -351,7 +351,7 @@ def _misfit(
 
 
 def _in_squares(marked: Bools, image: Floats, max_step: float) -> Bools:
-    """Which marked taxels belong to a square of four marked ones that differ by less than a step.
+    """Marked taxels that belong to a square of four marked ones which differ by less than a step.
 
     The four at the top of a cone do, and impulses hardly ever.
     """
@@ -366,7 +366,7 @@ def _in_squares(marked: Bools, image: Floats, max_step: float) -> Bools:
 
 
 def _level(image: Floats, impulses: Bools, max_step: float) -> Bools:
-    """Which taxels are within a step of a neighbour that is no impulse."""
+    """Taxels within a step of a neighbour that is no impulse."""
     around = neighbourhoods(np.where(impulses, np.inf, image))
     nearest = np.abs(around - image[..., None]).min(axis=-1)
     result: Bools = nearest < max_step

@@ -2,8 +2,8 @@
 
 All are in orthonormal tangents: there the shape operator is a symmetric 2 by 2 matrix, the
 principal curvatures are its eigenvalues, and neither umbilics nor walls along the viewing direction
-lose digits. Outward normal, convex positive: this flips the sign of Fung, 1999,
-(3.14), by which a convex surface has negative curvature but (3.1) needs it positive.
+lose digits. Outward normal, convex positive: this flips the sign of Fung, 1999, (3.14), by which a
+convex surface has negative curvature but (3.1) needs it positive.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ ISOTROPIC.setflags(write=False)
 
 
 class ShapeOperator(NamedTuple):
-    """How the outward normal turns along the surface, in orthonormal tangents."""
+    """Rate of turn of the outward normal along the surface, in orthonormal tangents."""
 
     tangents: Floats  # two orthonormal tangents as rows, (2, 3)
     normal: Floats  # outward unit normal, (3,)

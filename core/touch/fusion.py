@@ -20,7 +20,7 @@ from palpate.reprs import readable
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FusionSettings:
-    """How the filter learns how quickly curvature changes along a surface."""
+    """Estimate of the rate at which curvature changes along a surface."""
 
     # Squared innovation above which a touch is followed at once: chi-squared with three degrees of
     # freedom exceeds it in 5 % of cases.
@@ -148,9 +148,8 @@ def corrected_jet(
     """The jet with second derivatives changed from a measured to a fused shape operator.
 
     Both are in the pad's frame and have the same tangents. `place`: where they hold, x and y [m];
-    height and slopes there are kept. The second derivatives of a graph are
-    its second form times the length of its normal. The jet is unchanged if it is no quadric, or the
-    surface is too steep.
+    height and slopes there are kept. The second derivatives of a graph are its second form times
+    the length of its normal. The jet is unchanged if it is no quadric, or the surface is too steep.
     """
     cosine = abs(float(fused.normal[2]))
     if jet.degree < 2 or cosine < settings.min_cosine:

@@ -26,7 +26,7 @@ DERIVATIVE_ORDERS = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JetSettings:
-    """Which degree a number of taxels bears: about three taxels for each coefficient.
+    """Degree of a jet for a number of taxels: about three for each coefficient.
 
     Below 8 taxels a slope cannot be distinguished from a corner.
     """

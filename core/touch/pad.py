@@ -3,8 +3,8 @@
 The pad's own frame: x along the columns, y along the rows, z into the object; the middle of the
 undeformed face is the origin. The transducers lie one thickness behind the face and follow its
 dome, so that every taxel is equally thick. A taxel sends a time of flight or a force: Fung, 1999,
-(1.1), (1.2) and section 3.4.1. An elastic face is drawn down beside a contact, so that taxels
-there read compression without being touched: contact is where there is load.
+(1.1), (1.2) and section 3.4.1. An elastic face is drawn down beside a contact, so that taxels there
+read compression without being touched: contact is where there is load.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ DEFAULT_CONTACT = ContactSettings()
 
 
 class FaceModel(NamedTuple):
-    """How the pad's face yields beside a contact."""
+    """Deformation of the pad's face beside a contact."""
 
     kind: FaceKind
     decay: float = 0.0  # [m] length in which a membrane falls to 1/e; 0 for the others
@@ -104,7 +104,7 @@ def _read_only(array: Floats) -> Floats:
 
 
 class GuardedMove(NamedTuple):
-    """How a guarded move ended."""
+    """Result of a guarded move."""
 
     outcome: TouchOutcome  # as in a tactile frame
     pose: Pose  # of the pad at the end
@@ -150,20 +150,20 @@ def contact_mask(
     compression: Floats,
     contact: float,
     noise: float,
-    settings: ContactSettings = DEFAULT_CONTACT,
+    min_sigmas: float = DEFAULT_CONTACT.min_sigmas,
 ) -> Bools:
     """Taxels under load, (rows, cols).
 
-    `compression` (rows, cols) [m]. `contact`: least compression that counts [m], in place of that
-    of the settings; also as the load of a pad that is pressed evenly. `noise`: standard deviation
-    of one taxel [m]. On a bed of springs load and compression are equal. A membrane on springs is
-    loaded with ``u - decay^2 lap(u)``, taken at the pitch with free borders. On a half-space the
-    load is the inverse of Love's displacements; those of a 16 by 16 array have a condition of 27. A
-    contact that extends beyond the array presses from outside as well, and adds load at the border,
-    which is in contact anyway. The operator magnifies noise: a face that is stiff over many taxels
-    needs a quiet array.
+    `compression` (rows, cols) [m]. `contact`: least compression that counts [m]; also as the load
+    of a pad that is pressed evenly. `noise`: standard deviation of one taxel [m]. `min_sigmas`:
+    least compression in these. On a bed of springs load and compression are equal. A membrane on
+    springs is loaded with ``u - decay^2 lap(u)``, taken at the pitch with free borders. On a
+    half-space the load is the inverse of Love's displacements; those of a 16 by 16 array have a
+    condition of 27. A contact that extends beyond the array presses from outside as well, and adds
+    load at the border, which is in contact anyway. The operator magnifies noise: a face that is
+    stiff over many taxels needs a quiet array.
     """
-    moved = compression > max(contact, settings.min_sigmas * noise)
+    moved = compression > max(contact, min_sigmas * noise)
     if pad.face.kind == "springs" or not moved.any():
         return moved
     if pad.face.kind == "membrane":
@@ -173,7 +173,7 @@ def contact_mask(
     else:
         operator, even, magnified = _half_space_loads(replace(pad, face=SPRINGS))
         load = (operator @ compression.ravel()).reshape(compression.shape)
-    result: Bools = moved & (load > max(contact * even, settings.min_sigmas * noise * magnified))
+    result: Bools = moved & (load > max(contact * even, min_sigmas * noise * magnified))
     return result
 
 
@@ -227,7 +227,7 @@ def half_space_influence(pad: Pad) -> Floats:
 @readable
 @dataclass(frozen=True, slots=True, eq=False)
 class Calibration:
-    """How an array's signal is turned into compression of its pad, and back."""
+    """Conversion between an array's signal and the compression of its pad."""
 
     signal: Signal
     thickness: float  # [m] of the undeformed pad
@@ -239,8 +239,8 @@ class Calibration:
     def encode(self, reading: Floats) -> Floats:
         """Signal that the array sends for a reading of compression [m].
 
-        The echo's round trip through the compressed pad, ``2 (d1 - c) / v`` [s], or the force,
-        ``k c`` [N]. Gain and offset are corrections of the decoder: not applied.
+        The echo's round trip through the compressed pad, ``2 (d1 - c) / v`` [s], or the force, ``k
+        c`` [N]. Gain and offset are corrections of the decoder: not applied.
         """
         if self.signal == "force":
             return self.taxel_stiffness * reading

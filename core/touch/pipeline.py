@@ -249,8 +249,8 @@ class KeyedRandom:
 
     Philox is a counter-based generator: the numbers of a touch follow from (seed, fingertip,
     effect, number of the touch) alone. So no effect shifts another's draws, generators have no
-    hidden state, and the draws of any touch can be repeated.
-    Salmon, Moraes, Dror and Shaw, *Parallel random numbers: as easy as 1, 2, 3*, 2011.
+    hidden state, and the draws of any touch can be repeated. Salmon, Moraes, Dror and Shaw,
+    *Parallel random numbers: as easy as 1, 2, 3*, 2011.
     """
 
     def __init__(self, finger: Fingertip, name: str):

@@ -21,7 +21,7 @@ from palpate.core.touch.pad import Pad
 
 @dataclass(frozen=True, slots=True)
 class EdgeSlopeSettings:
-    """Where normals come from a plane beside an edge instead of the smooth surface."""
+    """Choice between normals of a plane beside an edge and of the smooth surface."""
 
     square_side: int = 3  # [taxels] of the squares to which planes are fitted
     edge_ratio: float = 3.0  # misfit of the smooth surface over the plane's, above which it is edge
@@ -48,8 +48,8 @@ def surface_points(
 ) -> SurfacePoints:
     """Surface points under the touched taxels of one touch, and normals from the jet.
 
-    `pose` is the pad's in the world, `surface` (rows, cols) lies over the plane of its face,
-    [m]. Without a jet the normal is the pad's own. Next to an edge, which the jet does not follow,
+    `pose` is the pad's in the world, `surface` (rows, cols) lies over the plane of its face [m].
+    Without a jet the normal is the pad's own. Next to an edge, which the jet does not follow,
     normals are those of planes beside it; a taxel without a reliable normal is left out.
     """
     x, y = pad.grid()

@@ -29,13 +29,11 @@ TaxelIndices = NDArray[np.signedinteger]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TaxelSettings:
-    """Which taxels and readings a calibration uses, and its initial guess."""
+    """Selection of taxels and readings for a calibration, and its initial guess."""
 
     min_presses: int = 4  # of a taxel with a gain and an offset of its own
     min_taxels: int = 16  # pressed so often
-    min_known: float = (
-        0.15e-3  # [m] compression; pose errors may have lifted the pad from smaller ones
-    )
+    min_known: float = 0.15e-3  # [m] compression; pose errors may have lifted smaller ones
     min_gain: float = 0.3  # reading over compression of a trusted taxel, median
     max_free_offset: float = 0.2e-3  # [m] of a trusted taxel from the median, in free frames
     min_noise: float = 1e-7  # [m] of a taxel; without it priors vanish beside the readings
@@ -111,7 +109,7 @@ def _initial_estimate(presses: CalibrationTouches, settings: TaxelSettings) -> I
 
 
 def _trusted(presses: CalibrationTouches, offset: Floats, settings: TaxelSettings) -> Bools:
-    """Which taxels respond to presses, and to presses only."""
+    """Taxels that respond to presses, and to presses only."""
     pressed = presses.known > settings.min_known
     with np.errstate(invalid="ignore", divide="ignore"):
         share = np.where(pressed, (presses.read - offset) / presses.known, np.nan)

@@ -36,8 +36,7 @@ class Aperture:
 
     # Side of an element, as a share of the pitch: elements need a gap between them.
     width: Annotated[float, Range(0.05, 1.0, "1")] = 0.8
-    # Rays along a side: three see what lies between two taxels at a bearable cost, that of nine
-    # casts.
+    # Rays along a side: three resolve details between two taxels, at the cost of nine casts.
     rays: Annotated[int, Range(2, 8, "1")] = 3
     # The echo of an element's whole area is nearest to its mean; the first echo to arrive is that
     # of its largest compression.
@@ -203,7 +202,7 @@ def _keep_all(touch: SimulatedTouch, state: None) -> None:
 
 
 def _steeper(height: Floats, largest: float) -> Bools:
-    """Where the squared difference over two taxels is larger than `largest`."""
+    """Taxels where the squared difference over two taxels exceeds `largest`."""
     across, down = np.empty_like(height), np.empty_like(height)
     np.subtract(height[:, 2:], height[:, :-2], out=across[:, 1:-1])
     across[:, 0] = 2.0 * (height[:, 1] - height[:, 0])

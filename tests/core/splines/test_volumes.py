@@ -269,6 +269,7 @@ def volume(control=CONTROL, bases=BASES, weights=None):
 
 
 LONGER = Basis(2.0 * clamped_basis(6).knots, 3)
+METHODS, OUTSIDE = ("at", "first", "second", "shares"), np.array([[0.5, 0.5, 1.1]])
 
 
 @pytest.mark.parametrize(("call", "words"), [
@@ -293,16 +294,11 @@ LONGER = Basis(2.0 * clamped_basis(6).knots, 3)
     (lambda: FRAME.even_control((2, 1, 2)), r"must be at least 2 along each edge, got \(2, 1"),
     (lambda: invert_points(noisy(0.1), np.zeros(3)), r"points must have shape \(any, 3\)"),
     (lambda: invert_points(noisy(0.1), np.full((2, 3), math.nan)), "points must be finite"),
+    *((lambda name=name: getattr(VOLUMES[0], name)(OUTSIDE), "x must lie in the domain from 0 to 1")
+      for name in METHODS),
+    *((lambda name=name: getattr(VOLUMES[0], name)(OUTSIDE[:, :2]), r"shape \(any, 3\), got \(1, 2")
+      for name in METHODS),
 ])  # fmt: skip
 def test_bad_input_is_refused(call, words: str):
     with pytest.raises(ValueError, match=words):
         call()
-
-
-@pytest.mark.parametrize("method", ["at", "first", "second", "shares"])
-def test_parameters_outside_are_refused(method: str):
-    outside = np.array([[0.5, 0.5, 1.1]])
-    with pytest.raises(ValueError, match="x must lie in the domain from 0 to 1"):
-        getattr(VOLUMES[0], method)(outside)
-    with pytest.raises(ValueError, match=r"must have shape \(any, 3\), got \(1, 2\)"):
-        getattr(VOLUMES[0], method)(outside[:, :2])
