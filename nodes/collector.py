@@ -220,6 +220,12 @@ def take_model(params: Params, state: State, model: ShapeModel) -> tuple[State, 
         reason = "; ".join(model.rejected) or why
         return _ended(state, [], _done(params, _goal(state), reason))
     reason = f"all {frames} frames were used, {n_contacts} of which show a contact"
+    underside = surface.findings.underside_share
+    if params.platform is not None and underside and not state.turns:
+        reason += (
+            f"; the underside, {underside:.0%} of the surface, is taken for flat: turn the object "
+            "over, touch it there, and add these frames with placement 1"
+        )
     if len(model.placements) < state.turns:
         fault = "; ".join(model.placement_faults[-1:])
         turn = f"those since it was turned over {_times(len(model.placements) + 1)} are left out"
