@@ -27,7 +27,7 @@ class SupervisionSettings:
     count_pause: float = 0.5  # between two rounds of counting messages [s]
     final_count_pause: float = 0.01  # the same once the graph has finished [s]
     stall_time: float = 3.0  # without any message, after which a graph has stalled [s]
-    report_time: float = 1.0  # in which the report of a failure arrives after the exit [s]
+    report_time: float = 3.0  # in which the report of a failure arrives after the exit [s]
     stop_time: float = 30.0  # that a node has to finish and save its work [s]
 
 
