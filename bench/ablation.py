@@ -49,13 +49,13 @@ class AblationSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TaxelSettings:
-    """Objects for the worth of all taxels, and the largest error of taxels over contours."""
+    """Objects for the worth of all taxels, and limits of their error / that of contours alone."""
 
     smooth: tuple[str, ...] = ("sphere", "egg", "vase", "twist")
     sharp: tuple[str, ...] = ("box", "step", "star")
     counts: tuple[int, ...] = (5, 9)  # of contours at even heights
-    max_ratio: float = 0.5
-    max_sharp_ratio: float = 0.8  # of sharp objects with noise
+    max_ratio: float = 0.5  # of that ratio
+    max_sharp_ratio: float = 0.8  # the same for sharp objects with noise
 
 
 QUICK_ABLATION = AblationSettings(
@@ -83,8 +83,8 @@ class Part(NamedTuple):
 
     name: str
     replacements: Mapping[str, Replacement]  # By ``module:name``
-    case: str = ""  # That it is for, of the `EXPLORED_CASES` or `REBUILT_CASES`
-    is_uniform: bool = False  # Whether as many even slices replace those of the planner
+    case: str = ""  # Special case that it is for: key of `EXPLORED_CASES` or `REBUILT_CASES`
+    is_uniform: bool = False  # Whether it is replaced by the same number of even slices
 
 
 def _with(**changed: Any) -> Replacement:
@@ -234,7 +234,7 @@ def worth_of(name: str, pairs: Pairs) -> Worth:
 
 
 def mean_interval(ratios: Floats) -> tuple[float, float, float]:
-    """Geometric mean of ratios (n,) and its interval of 95 %; infinite for one, NaN for none."""
+    """Geometric mean of ratios (n,) and its 95 % interval: infinite for n = 1, NaN for n = 0."""
     logs = np.log(ratios)
     mean = float(logs.mean()) if len(logs) else math.nan
     if len(logs) < 2:

@@ -34,19 +34,19 @@ class PlannerSettings:
     """Objects, tolerances and demands of the comparison of planners."""
 
     max_error: float = 0.0025  # [fraction of the height] root mean square error of the side
-    # [fraction of the height] that are asked for; none is below the error that noise alone causes.
+    # [fraction of the height] demanded; none is below the error that noise alone causes.
     tolerances: tuple[float, ...] = (0.0015, 0.002, 0.0025, 0.004)
     noise: float = 1e-4  # [m] standard deviation of a pad's position
     n_drawn: int = 60  # random objects, of which a third calibrate the bound
     seed: int = 11  # of the random objects
     n_candidates: int = 95  # heights among which the planner that sees the truth chooses
-    max_calibration_slices: int = 40
-    max_decision_time: float = 5.0  # [ms]
-    max_over_uniform: float = 0.95  # contours of the default planner over those of even slices
-    max_over_positions: float = 0.70  # the same over even slices without slopes
-    max_more: int = 1  # contours than even slices, on the worst object
-    held_range: tuple[float, float] = (0.90, 0.98)  # share of bounds of 95 % that hold
-    min_punctual: float = 0.80  # share of bounds within tolerance at most one contour late
+    max_calibration_slices: int = 40  # of a run that tests the bound
+    max_decision_time: float = 5.0  # [ms] of the default planner, for one slice
+    max_over_uniform: float = 0.95  # contours of the default planner / of even slices
+    max_over_positions: float = 0.70  # the same / of even slices without slopes
+    max_more: int = 1  # contours of the default planner minus even slices, on the worst object
+    held_range: tuple[float, float] = (0.90, 0.98)  # fraction of the 95 % bounds that must hold
+    min_punctual: float = 0.80  # of runs: bound and error meet it at most 1 contour apart
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,8 +54,8 @@ class TemplateSettings:
     """Objects and the grid of constants of the comparison of step templates."""
 
     n_drawn: int = 80  # random objects; every second one chooses the constants
-    rates: tuple[float, ...] = (0.02, 0.05, 0.15, 0.4, 1.0)  # of curvature
-    # Rate of the change of curvature over that of curvature; 0: the change has no influence.
+    rates: tuple[float, ...] = (0.02, 0.05, 0.15, 0.4, 1.0)  # of curvature; larger: shorter steps
+    # The same factor of the change of curvature, divided by that of curvature; 0: no influence.
     product_changes: tuple[float, ...] = (0.0, 0.5, 2.0)
     joint_changes: tuple[float, ...] = (0.5, 2.0)
     # [fraction of the height] smallest and largest step
@@ -63,9 +63,9 @@ class TemplateSettings:
         *((0.02, 0.1), (0.02, 0.2), (0.05, 0.15), (0.08, 0.2), (0.06, 0.35), (0.12, 0.35)),
     )
     powers: tuple[float, ...] = (0.5, 1.0, 3.0)  # of the two templates that have one
-    stride: int = 1  # in the list of all sets of constants
+    stride: int = 1  # only each `stride`-th set of constants is tried
     n_segments: tuple[int, ...] = (2, 4, 16)  # of the piecewise linear forms
-    max_over_best: float = 0.85  # contours of the default planner over those of the best template
+    max_over_best: float = 0.85  # contours of the default planner / of the best template
 
 
 DEFAULT_PLANNERS = PlannerSettings()

@@ -39,9 +39,9 @@ class AccuracyDemands:
     """What is demanded of palpate; targets are errors as fractions of the height."""
 
     dominated_below: float = 0.003  # targets at which no method may be cheaper
-    middle_target: float = 0.005  # of smooth objects
-    max_middle_touches: int = 90  # to reach that
-    max_loose_ratio: float = 0.45  # of touches at the loosest over those at the strictest tolerance
+    middle_target: float = 0.005  # target on smooth objects
+    max_middle_touches: int = 90  # to reach that: median over seeds, of the worst object
+    max_loose_ratio: float = 0.45  # touches at the loosest tolerance / at the strictest
     min_held: float = 0.90  # share of bounds of 95 % that hold
 
 

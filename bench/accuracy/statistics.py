@@ -17,7 +17,7 @@ from palpate.bench.accuracy.runs import Run
 from palpate.core.arrays import Floats
 
 TARGETS = np.geomspace(1e-2, 1e-4, 15)  # Root mean square errors over the height
-ROUNDING = 1.0 + 1e-6  # Of a tolerance: a share of the height that is stored in m
+ROUNDING = 1.0 + 1e-6  # Factor of a tolerance, which is stored in m and compared over the height
 
 Entry = tuple[str, int]  # Object and seed
 Table = Mapping[str, Mapping[Entry, Sequence[Run]]]  # Runs by method and entry
@@ -124,9 +124,9 @@ def held_share(pairs: Floats) -> float:
 
 
 def dominated_at(ours: Mapping[str, Floats], other: Mapping[str, Floats]) -> bool:
-    """Whether at each cost as many of our entries reach a target as of the other method's.
+    """Whether, at each cost, at least as many of our entries reach a target as of the other's.
 
-    Costs (seeds, 1) by object, of the same objects.
+    Arguments: costs (seeds, 1) by object, of the same objects.
     """
     mine, theirs = (np.sort(np.concatenate([*costs.values()]).ravel()) for costs in (ours, other))
     return bool((mine <= theirs).all())
