@@ -47,8 +47,8 @@ class SceneSettings:
 
     scenes: tuple[str, ...] = SCENES
     n_turns: int = 3
-    max_chamfer: float = 0.2  # [% of the height]
-    max_contours: int = 15
+    max_chamfer: float = 0.2  # [% of the height] Chamfer distance
+    max_contours: int = 15  # of a scene
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -61,7 +61,7 @@ class TouchSettings:
     approach: float = 0.02  # [m] outside of the ball, where tracing starts
     array_width: float = 16e-3  # [m]
     max_time: float = 1.5  # [ms] of a touch with 16 x 16 taxels
-    max_ratio: float = 3.0  # of the time with 32 x 32 taxels over that with 16 x 16
+    max_ratio: float = 3.0  # time of a touch with 32 x 32 taxels / with 16 x 16
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,9 +70,9 @@ class RunGrowthSettings:
 
     touches: tuple[int, ...] = (100, 300, 1000, 3000, 10_000)
     fingers: tuple[int, ...] = (1, 2, 3, 4, 5)
-    touches_per_slice: float = 18.0  # about
-    max_fitted: int = 4000  # touches up to which the power is fitted
-    max_power: float = 1.1  # of the touches
+    touches_per_slice: float = 18.0  # of even slices, about: sets their number
+    max_fitted: int = 4000  # touches of the longest run to which the power is fitted
+    max_power: float = 1.1  # of processor time over touches; 1: proportional
 
 
 QUICK_SCENES = SceneSettings(scenes=("vase", "egg", "worn_sensor"), n_turns=1)

@@ -29,7 +29,7 @@ class SplineSettings:
     n_points: int = 50_000
     n_turns: int = 7
     n_threads: int = 2
-    max_ratio: float = 1.1  # of the processor time over scipy's, which checks no arguments
+    max_ratio: float = 1.1  # processor time / scipy's; scipy does not check the points
 
 
 QUICK_SPLINES = SplineSettings(n_points=20_000)

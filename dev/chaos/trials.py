@@ -49,9 +49,9 @@ nodes:
 class TrialSettings:
     """Faults of a run, and how long it may take."""
 
-    faults_per_run: int = 8  # unless one of them ends it
-    max_slowdown: float = 20.0  # of a run over that without faults
-    extra_time: float = 120.0  # [s] beside that
+    faults_per_run: int = 8  # or one, which ends the run
+    max_slowdown: float = 20.0  # elapsed time of a run / of the run without faults
+    extra_time: float = 120.0  # [s] added to that limit
     exit_grace: float = 5.0  # [s] after the end of the launcher, until all processes have ended
 
 

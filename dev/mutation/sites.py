@@ -64,16 +64,16 @@ class Site:
     number: int
     file: str
     line: int
-    function: str
-    exact: str
-    shape: str
-    ordinal: int
+    function: str  # name
+    exact: str  # hash of the function
+    shape: str  # hash of the function without names
+    ordinal: int  # of the change among all of its function
     kind: str
-    before: str
-    after: str
-    statement: str
-    statement_shape: str
-    statement_ordinal: int
+    before: str  # text that is replaced
+    after: str  # text that replaces it
+    statement: str  # text
+    statement_shape: str  # hash without names
+    statement_ordinal: int  # of the change among those of its statement
 
 
 def bodies_of(root: Path) -> list[Body]:
