@@ -57,9 +57,9 @@ class TextStyle(NamedTuple):
     arrays: bool = True  # whether elements of arrays are shown
     full: bool = False  # whether long arrays are shown whole
     flow: bool = False  # whether each field is on one line
-    max_items: int = 16  # elements of a sequence that is not shortened
-    n_shown: int = 3  # elements of a shortened sequence
-    indent: int = 4  # of the further lines of a sequence
+    max_items: int = 16  # longest sequence that is shown whole; longer ones are shortened
+    n_shown: int = 3  # elements that are shown of a shortened sequence
+    indent: int = 4  # [letters] of the second and later lines of a sequence
 
 
 _WHOLE = TextStyle(full=True)

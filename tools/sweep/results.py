@@ -58,7 +58,7 @@ SIZES = {"narrow": (358.0, 330.0), "wide": (670.0, 430.0)}  # width and height [
 class FrontLayout:
     """Distances in a drawing of a front [pixels]."""
 
-    number_gap: float = 16.0  # between the numbers of two runs
+    number_gap: float = 16.0  # smallest between the numbers of two runs
     legend_width: float = 150.0  # of an entry
 
 
