@@ -379,7 +379,7 @@ def _flagged(frame: Floats) -> Curvatures:
 
 
 def _quartic(frame: Floats, noise: float | None = None) -> Curvatures:
-    """Over the whole pad; robust if the noise is known."""
+    """A quartic over the whole pad; fitted robustly if the noise is known."""
     if noise is None:
         fit = touch.fit_jet(PAD, frame, ALL_TAXELS)
     else:

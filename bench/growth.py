@@ -126,7 +126,7 @@ class Growth(NamedTuple):
 
     name: str  # What grows, and how it is measured
     sizes: tuple[int, ...]
-    errors: Mapping[str, ArrayLike]  # Figures (n,), or (n, k) of k repeats, by name and unit
+    errors: Mapping[str, ArrayLike]  # By name and unit: (n,) at each size, or (n, k) of k repeats
     costs: Mapping[str, ArrayLike]
     floor: float = 0.0  # Sampling floor of the errors, in their unit; 0 if they are not sampled
     holds: bool = True

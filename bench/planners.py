@@ -79,8 +79,8 @@ class PlanClaim(NamedTuple):
     true: float  # Root mean square error
     bound: float  # That the run states
     slices: int
-    first_true: int | None  # Slices at which the error is first within tolerance
-    first_bound: int | None  # Slices at which the bound is first within tolerance
+    first_true: int | None  # Number of slices at which the error is first within tolerance
+    first_bound: int | None  # Number of slices at which the bound is first within tolerance
 
 
 def planner_rows(quick: bool) -> Iterable[Row]:
@@ -134,7 +134,7 @@ def _trials(objects: Mapping[str, rules.Radius]) -> Trials:
 
 
 def _counts(trials: Trials, max_error: float) -> tuple[Counts, Counts, Counts]:
-    """Of even slices, of even ones rebuilt from positions alone, and of the default planner."""
+    """Counts of even slices, of even slices without slopes, and of the default planner."""
     bare = even_counts(trials, max_error, slopes=False)
     return even_counts(trials, max_error), bare, first_counts(rules.Predicted(), trials, max_error)
 
@@ -392,9 +392,9 @@ def plan_count(planner: rules.Planner, trial: rules.PlannerTrial, max_error: flo
 
 
 def finding(kind: str, chosen: Mapping[str, ChosenRule]) -> Row:
-    """The best template on objects that did not choose its constants, these, and the worst one.
+    """The best and the worst template, on objects on which their constants were not chosen.
 
-    Constants are the rates of curvature and change, smallest and largest step, and the power.
+    Constants of the best: rates of curvature and change, smallest and largest step, power.
     """
     ranked = sorted(chosen.items(), key=lambda item: item[1].judged_mean)
     (first, best), (last, worst), rule = ranked[0], ranked[-1], ranked[0][1].rule

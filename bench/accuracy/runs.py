@@ -90,8 +90,8 @@ class Run(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class Runs(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """All runs of a file."""
 
-    form: str
-    version: int
+    form: str  # `FORM`
+    version: int  # `VERSION`
     methods: Mapping[Name, str]  # A sentence about each
     runs: tuple[Run, ...]
     machine: Mapping[str, Any] = {}

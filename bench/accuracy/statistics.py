@@ -43,7 +43,7 @@ def run_for(runs: Sequence[Run], target: float) -> Run:
 
 
 def cost_to_reach(runs: Sequence[Run], target: float, which: str) -> float:
-    """Cost of the first model within a target, in the run for it; infinite without one."""
+    """Cost of the first model within a target, in the run of `run_for`; infinite without one."""
     run = run_for(runs, target)
     good = (point for point in run.curve if point.rms_m <= target * run.size_m)
     return next((point.cost(which) for point in good), math.inf)
@@ -102,11 +102,11 @@ def work_precision(entries: Mapping[Entry, Sequence[Run]], which: str) -> list[S
         else:
             for i, point in enumerate(run.curve):
                 pairs[i].append((point.cost(which), point.rms_m / run.size_m))
-    most = max((len(some) for some in pairs.values()), default=0)
+    largest = max((len(group) for group in pairs.values()), default=0)
     spreads = []
-    for _, some in sorted(pairs.items()):
-        if 2 * len(some) > most:  # models of the longest runs alone are not comparable
-            cost, error = np.percentile(np.array(some), (25, 50, 75), axis=0).T
+    for _, group in sorted(pairs.items()):
+        if 2 * len(group) > largest:  # models of the longest runs alone are not comparable
+            cost, error = np.percentile(np.array(group), (25, 50, 75), axis=0).T
             spreads.append(Spread(cost, error))
     return spreads
 

@@ -340,7 +340,7 @@ class Exploration:
 
     file: str  # Path of the launch file, or name of a shipped one
     arguments: tuple[str, ...] = ()  # ``name:=value``
-    own: tuple[str, ...] = ()  # Nodes whose modules are not palpate's own
+    own: tuple[str, ...] = ()  # Nodes whose modules are the user's, not palpate's
 
     def start(self, out: Path, *, is_flooded: bool = False) -> subprocess.Popen[bytes]:
         """Start it in a session of its own; it writes into `out` and into the parent of that."""

@@ -285,8 +285,8 @@ class Statistics(NamedTuple):
     """Statistics of at least one value."""
 
     mean: float
-    least: float
-    most: float
+    least: float  # minimum
+    most: float  # maximum
     deviation: float  # standard deviation
 
     @classmethod
