@@ -221,7 +221,7 @@ def _rebuilt(
     for size in sizes:
         arguments = evidence(shapes[0], size, 0)
         calls[size] = partial(reconstruct, **arguments)
-        if what == "lattice":  # the time of the lattice without that of the skin which it follows
+        if what == "lattice":  # its time, without that of the skin to which it is fitted
             side = reconstruct(arguments["contours"], method="skin").side
             assert side is not None
             calls[size] = partial(fit_lattice, side.patch, size=arguments["size"])

@@ -186,7 +186,7 @@ class SceneSpeed(NamedTuple):
         return figures
 
     def ratio(self, name: str) -> float:
-        """Median over that of the older checkout."""
+        """Median of a figure / median of the older checkout."""
         return median_of(self.runs, name) / median_of(self.older, name)
 
     def _parts(self, kind: str) -> dict[str, float]:

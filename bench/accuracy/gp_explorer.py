@@ -100,7 +100,7 @@ class Explorer:
         self._last = ball.centre
 
     def touch_until(self, count: int) -> None:
-        """Touch until the finger has made so many touches."""
+        """Touch until the finger has made `count` touches."""
         while len(self.finger.touched) < count:
             self._touch_next()
 

@@ -181,7 +181,7 @@ class Tally:
     slowest: float = 0.0  # [s] of one input
     slowest_number: int = -1
     memory: float = 0.0  # [MB] peak minus the memory before the trials
-    memory_number: int = -1  # Of the input at the peak
+    memory_number: int = -1  # Number of the input at the peak
 
 
 class _Shared(Structure):

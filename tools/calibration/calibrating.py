@@ -33,7 +33,7 @@ from palpate.nodes import filter
 from palpate.nodes.specs.sensors import SensorSpec, build_pipeline, sensed_face
 
 ROBOT = "modern"  # preset of the robot's speeds
-MIN_COMPRESSION = filter.Params().contact  # of a taxel in contact [m], as of the filter
+MIN_COMPRESSION = filter.Params().contact  # of a taxel in contact [m], the same as in the filter
 CalibrationProgress = Callable[[str], None]
 
 

@@ -191,7 +191,7 @@ class Canvas:
         return np.flatnonzero(depths == self._depths[pixels])
 
     def draw_points(self, points: Reals, colours: Reals, radius: float) -> None:
-        """Draw discs at points (n, 3), `colours` as of a mesh, `radius` in pixels of the image."""
+        """Draw discs at points (n, 3), `colours` (n, 3) or (3,), `radius` [pixels of the image]."""
         colours = np.broadcast_to(np.asarray(colours, np.float32), points.shape)
         reach = self.settings.supersampling * radius
         steps = np.arange(-np.ceil(reach), np.ceil(reach) + 1)
