@@ -41,7 +41,7 @@ FEEDER = "tracer"  # The node whose place the feeder takes
 class MemorySettings:
     """How long memory is watched, and how much it may grow."""
 
-    n_touches: int = 10_000
+    n_touches: int = 10_000  # of the run
     warm_share: float = 0.2  # fraction of the touches, the first, that are ignored: caches fill
     max_growth: float = 1.0  # [MB] per 1,000 touches, beyond the touched taxels
 

@@ -56,8 +56,8 @@ class TemplateSettings:
     n_drawn: int = 80  # random objects; every second one chooses the constants
     rates: tuple[float, ...] = (0.02, 0.05, 0.15, 0.4, 1.0)  # of curvature; larger: shorter steps
     # The same factor of the change of curvature, divided by that of curvature; 0: no influence.
-    product_changes: tuple[float, ...] = (0.0, 0.5, 2.0)
-    joint_changes: tuple[float, ...] = (0.5, 2.0)
+    product_changes: tuple[float, ...] = (0.0, 0.5, 2.0)  # where two templates are multiplied
+    joint_changes: tuple[float, ...] = (0.5, 2.0)  # the same, where one template has the sum
     # [fraction of the height] smallest and largest step
     steps: tuple[tuple[float, float], ...] = (
         *((0.02, 0.1), (0.02, 0.2), (0.05, 0.15), (0.08, 0.2), (0.06, 0.35), (0.12, 0.35)),

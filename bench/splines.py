@@ -26,9 +26,9 @@ class SplineSettings:
 
     counts: tuple[int, ...] = (12, 16, 20)  # functions along each axis of a control lattice
     degree: int = 3
-    n_points: int = 50_000
-    n_turns: int = 7
-    n_threads: int = 2
+    n_points: int = 50_000  # scattered, at which they are evaluated
+    n_turns: int = 7  # measurements of each time
+    n_threads: int = 2  # that share the points in one of the rows
     max_ratio: float = 1.1  # processor time / scipy's; scipy does not check the points
 
 

@@ -36,7 +36,7 @@ class KindSettings:
 class WalkSettings:
     """A walk over a quadric."""
 
-    n_touches: int = 12
+    n_touches: int = 12  # of a walk
     step: float = 3e-3  # [m] between touches: four fifths of the pad overlap
     depth: float = 1.5e-3  # [m] of a touch
     min_compression: float = 50e-6  # [m] of a touched taxel
