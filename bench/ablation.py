@@ -49,13 +49,13 @@ class AblationSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TaxelSettings:
-    """Objects for the worth of all taxels, and the largest error of taxels over contours."""
+    """Objects for the worth of all taxels, and limits of their error / that of contours alone."""
 
     smooth: tuple[str, ...] = ("sphere", "egg", "vase", "twist")
     sharp: tuple[str, ...] = ("box", "step", "star")
     counts: tuple[int, ...] = (5, 9)  # of contours at even heights
-    max_ratio: float = 0.5
-    max_sharp_ratio: float = 0.8  # of sharp objects with noise
+    max_ratio: float = 0.5  # of that ratio
+    max_sharp_ratio: float = 0.8  # the same for sharp objects with noise
 
 
 QUICK_ABLATION = AblationSettings(
@@ -83,19 +83,19 @@ class Part(NamedTuple):
 
     name: str
     replacements: Mapping[str, Replacement]  # By ``module:name``
-    case: str = ""  # That it is for, of the `EXPLORED_CASES` or `REBUILT_CASES`
-    is_uniform: bool = False  # Whether as many even slices replace those of the planner
+    case: str = ""  # Special case that it is for: key of `EXPLORED_CASES` or `REBUILT_CASES`
+    is_uniform: bool = False  # Whether it is replaced by the same number of even slices
 
 
-def _with(**changed: Any) -> Replacement:
+def _with_arguments(**changed: Any) -> Replacement:
     return lambda call: lambda *args, **more: call(*args, **{**more, **changed})
 
 
-def _then(change: Callable[[Any], Any]) -> Replacement:
+def _with_result(change: Callable[[Any], Any]) -> Replacement:
     return lambda call: lambda *args, **more: change(call(*args, **more))
 
 
-def _always(value: Any) -> Replacement:
+def _returning(value: Any) -> Replacement:
     return lambda call: lambda *args, **more: value
 
 
@@ -116,23 +116,23 @@ _TOUCH, _REBUILD, _NODES = "palpate.core.touch", "palpate.core.rebuild", "palpat
 _CLEAN, _STACK = f"{_NODES}.filter:clean", f"{_NODES}.rebuilding.fitting:stack_points"
 TAXELS = Part(
     "all taxels, not contour points",
-    {f"{_NODES}.rebuilding.fitting:reconstruct": _with(patches=None)},
+    {f"{_NODES}.rebuilding.fitting:reconstruct": _with_arguments(patches=None)},
 )
 _robust = {f"{_TOUCH}.{room}:fit_robust_jet": _plain_fit for room in ("filters", "edges")}
-_whole_pad = _then(lambda clean: clean._replace(touched=clean.touched | clean.touched.any()))
+_whole_pad = _with_result(lambda clean: clean._replace(touched=clean.touched | clean.touched.any()))
 _no_shifts = ShiftSettings(min_touches=10**9)
-_none_bad = _then(lambda test: test._replace(bad=test.bad & False, off=0.0 * test.off))
+_none_bad = _with_result(lambda test: test._replace(bad=test.bad & False, off=0.0 * test.off))
 PARTS = (
-    Part("filter", {_CLEAN: _with(order="none")}, SALT),
+    Part("filter", {_CLEAN: _with_arguments(order="none")}, SALT),
     Part("robust fit", _robust, PEPPER),
     Part("mask", {_CLEAN: _whole_pad}),
     Part("mask, in the fit alone", {f"{_TOUCH}:fit_patch": _unmasked}),
-    Part("slopes", {_STACK: _then(lambda points: points._replace(normals=None))}),
+    Part("slopes", {_STACK: _with_result(lambda points: points._replace(normals=None))}),
     TAXELS,
     Part(
         "cross-validation",
         {
-            f"{_REBUILD}.side.fitting:smooth": _with(noise=0.0),
+            f"{_REBUILD}.side.fitting:smooth": _with_arguments(noise=0.0),
             f"{_REBUILD}.side.shifts:stiffened": lambda _: lambda spline, _settings: spline,
         },
         ROUGH,
@@ -141,14 +141,14 @@ PARTS = (
     Part(
         "ends",
         {
-            "palpate.core.explore.probing:next_probe": _always(None),
-            f"{_NODES}.rebuilding.fitting:touched_ends": _always(None),
-            f"{_REBUILD}.reconstruction:end_height": _always(None),
+            "palpate.core.explore.probing:next_probe": _returning(None),
+            f"{_NODES}.rebuilding.fitting:touched_ends": _returning(None),
+            f"{_REBUILD}.reconstruction:end_height": _returning(None),
         },
     ),
     Part(
         "pose offsets",
-        {f"{_REBUILD}.reconstruction:fit_shifted_spline": _with(settings=_no_shifts)},
+        {f"{_REBUILD}.reconstruction:fit_shifted_spline": _with_arguments(settings=_no_shifts)},
         FAR_OFF,
     ),
     Part("predicted planner, not even slices", {}, is_uniform=True),
@@ -170,12 +170,12 @@ def without(part: Part) -> Iterator[None]:
 class Outcome(NamedTuple):
     """Result of an exploration, or of a rebuild from contours alone."""
 
-    error: float  # [% of the height] root mean square, of a rebuild Chamfer distance
+    error: float  # [% of the height] root mean square; of a rebuild the Chamfer distance
     touches: float = 1.0
     robot_time: float = 1.0  # [s]
     compute: float = 1.0  # Processor time [s]
     contours: int = 0
-    floor: float = 0.0  # Sampling floor of the error
+    floor: float = 0.0  # [% of the height] smallest error that sampling can measure
 
 
 Pairs = list[tuple[Outcome, Outcome | None]]  # With a part and without it; None: no solid
@@ -213,7 +213,7 @@ class Worth(NamedTuple):
 
 
 def part_rows(quick: bool) -> Iterator[Worth | str]:
-    """A row for each part, and one for each in its case; fewer objects if quick."""
+    """A row for each part, then one in its special case if it has one; fewer objects if quick."""
     settings = QUICK_ABLATION if quick else AblationSettings()
     yield LINE.format("without the part, over with it", "error", "touches", "robot", "CPU", "runs")
     with single_threaded():
@@ -234,7 +234,7 @@ def worth_of(name: str, pairs: Pairs) -> Worth:
 
 
 def mean_interval(ratios: Floats) -> tuple[float, float, float]:
-    """Geometric mean of ratios (n,) and its interval of 95 %; infinite for one, NaN for none."""
+    """Geometric mean of ratios (n,) and its 95 % interval: infinite for n = 1, NaN for n = 0."""
     logs = np.log(ratios)
     mean = float(logs.mean()) if len(logs) else math.nan
     if len(logs) < 2:
@@ -265,7 +265,7 @@ def _explored_whole(name: str, case: str, settings: AblationSettings, seed: int)
 
 
 def _demand(settings: AblationSettings) -> Demand:
-    """The tolerance; what may stay untouched follows it."""
+    """What is demanded; the largest untouched feature follows from the tolerance."""
     return Demand(tolerance=0.01 * settings.tolerance * EXPLORED_HEIGHT, feature=None)
 
 

@@ -39,9 +39,9 @@ class BusSettings:
     n_turns: int = 5  # of the full stack and of bare sockets
     n_messages: int = 300  # of a batch that is encoded and decoded
     n_batches: int = 10
-    max_codec_time: float = 30.0  # [us] of a message, both sides
-    max_overhead: float = 30.0  # [us] of a hop over one over bare sockets
-    min_touch_rate: float = 300.0  # [1/s] of touches of four hops
+    max_codec_time: float = 30.0  # [us] to encode and decode a message
+    max_overhead: float = 30.0  # [us] time of a hop minus that over bare sockets
+    min_touch_rate: float = 300.0  # [1/s] touches, each of four hops
 
 
 QUICK_BUS = BusSettings(n_laps=500)

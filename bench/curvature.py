@@ -39,17 +39,17 @@ HeightMap = Callable[[Floats, Floats], Floats]  # Heights at points x, y
 class FrameSettings:
     """Frames on which estimators are compared."""
 
-    # Standard deviation of the noise [pitch], and share of impulses.
+    # Standard deviation of the noise [pitch], and fraction of taxels with impulses.
     columns: tuple[tuple[float, float], ...] = (
         *((0.0, 0.0), (0.01, 0.0), (0.05, 0.0), (0.05, 0.02), (0.05, 0.08)),
     )
     n_frames: int = 40  # of each surface and column
-    ball_radius: float = 20.0  # [pitch] of the ball that touches a part of the pad
-    contact_radii: tuple[float, ...] = (8.0, 6.0, 4.0, 3.0, 2.0, 1.5)  # [pitch]
-    contact_noise: float = 0.01  # [pitch]
-    n_draws: int = 100  # touches of each kind of surface
-    n_walks: int = 30  # over each surface
-    fused_noise: float = 20e-6  # [m]
+    ball_radius: float = 20.0  # [pitch] of the ball in the table of partial contact
+    contact_radii: tuple[float, ...] = (8.0, 6.0, 4.0, 3.0, 2.0, 1.5)  # [pitch] of its contact
+    contact_noise: float = 0.01  # [pitch] standard deviation of a taxel there
+    n_draws: int = 100  # touches of each kind of surface, in the table of kinds
+    n_walks: int = 30  # over each surface, in the table of fusion
+    fused_noise: float = 20e-6  # [m] standard deviation of a taxel there
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -58,10 +58,10 @@ class CurvatureDemands:
 
     max_error: float = 0.5e-3  # [1/pitch] of curvatures with little noise (column 1)
     max_impulse_error: float = 1.6e-3  # [1/pitch] with noise and impulses (column 4)
-    min_gain: float = 20.0  # error of the thesis's chain over palpate's, in each column
-    max_partial_error: float = 0.05  # relative, with 32 touched taxels or more
+    min_gain: float = 20.0  # error of the thesis's chain / palpate's, in each column
+    max_partial_error: float = 0.05  # relative, of a partial contact with 32 touched taxels or more
     min_right: float = 0.95  # share of each kind that is called by its name
-    max_fused: float = 1.1  # error of fused touches over that of single ones, on any surface
+    max_fused: float = 1.1  # error of fused touches / of single ones, on any surface
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,9 +70,9 @@ class EstimatorSettings:
 
     quadric_reach: float = 6.0  # [pitch] half width of the window of a local quadric
     cubic_reach: float = 3.6  # [pitch] the same of a Savitzky-Golay filter of 8 by 8 taxels
-    gaussian_width: float = 2.0  # [pitch] standard deviation
-    max_deviation: float = 6.0  # robust standard deviations of a taxel from its median
-    min_noise: float = 1e-3  # [pitch] for the robust fit
+    gaussian_width: float = 2.0  # [pitch] standard deviation of the smoothing Gaussian
+    max_deviation: float = 6.0  # [robust sigmas] from the local median; beyond it an impulse
+    min_noise: float = 1e-3  # [pitch] that the robust fit assumes at least
 
 
 DEFAULT_FRAMES = FrameSettings()
@@ -379,7 +379,7 @@ def _flagged(frame: Floats) -> Curvatures:
 
 
 def _quartic(frame: Floats, noise: float | None = None) -> Curvatures:
-    """Over the whole pad; robust if the noise is known."""
+    """A quartic over the whole pad; fitted robustly if the noise is known."""
     if noise is None:
         fit = touch.fit_jet(PAD, frame, ALL_TAXELS)
     else:

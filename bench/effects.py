@@ -31,9 +31,9 @@ class EffectSettings:
     """On what the cost of effects is measured, and how contours are traced."""
 
     size: tuple[float, float, float] = (0.03, 0.025, 0.04)  # [m] semi-axes of the touched solid
-    exponents: tuple[float, float] = (0.7, 0.9)
+    exponents: tuple[float, float] = (0.7, 0.9)  # of that superquadric
     n_frames: int = 40  # touches between two readings of the clock
-    n_repeats: int = 15  # of the ideal frame and the one with effects, in turns
+    n_repeats: int = 15  # measurements of each frame, ideal and with effects in turns
     approach: float = 0.02  # [m] outside of the object, where tracing starts
     seed: int = 5
 

@@ -57,8 +57,8 @@ def rounded(
 ) -> Radius:
     """The same object with its flat ends rounded off.
 
-    `rounding`: radius [m] between the side and a flat end. `min_width`: an end whose smallest
-    radius is below so many roundings is left as it is. `n_azimuths`: where the end is sampled.
+    `rounding`: radius [m] between the side and a flat end. `min_width`: an end is left as it
+    is unless its smallest radius / rounding is larger. `n_azimuths`: where the end is sampled.
     """
     share = rounding / EXPLORED_HEIGHT
     azimuths = np.linspace(0.0, 2.0 * np.pi, n_azimuths)

@@ -46,16 +46,16 @@ class GrowthSettings:
     n_control_points: tuple[int, ...] = (5, 8, 12, 20, 30, 40)  # along a side
     n_taxels: tuple[int, ...] = (8, 12, 16, 24, 32, 48, 64)  # along a side
     n_nodes: tuple[int, ...] = (2, 4, 8, 16, 28, 40)
-    shapes: tuple[str, ...] = SHAPES  # costs are those of the first
+    shapes: tuple[str, ...] = SHAPES  # errors are of all, costs of the first
     n_seeds: int = 2  # of the noise
-    n_turns: int = 3  # of the clock
+    n_turns: int = 3  # measurements of each time
     n_laps: int = 200  # around a ring
     fixed_contours: int = 12  # where the number of points grows
     fixed_points: int = 80  # of a contour, where the number of contours grows
     mesh_tolerance: float = 0.01  # [mm] of the meshes that are compared
-    ball_radius: float = 0.03  # [m]
-    array_width: float = 15e-3  # [m]
-    ball_touches: int = 60
+    ball_radius: float = 0.03  # [m] of the ball that is touched where the number of taxels grows
+    array_width: float = 15e-3  # [m] between its outermost taxels
+    ball_touches: int = 60  # with each array
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -126,7 +126,7 @@ class Growth(NamedTuple):
 
     name: str  # What grows, and how it is measured
     sizes: tuple[int, ...]
-    errors: Mapping[str, ArrayLike]  # Figures (n,), or (n, k) of k repeats, by name and unit
+    errors: Mapping[str, ArrayLike]  # By name and unit: (n,) at each size, or (n, k) of k repeats
     costs: Mapping[str, ArrayLike]
     floor: float = 0.0  # Sampling floor of the errors, in their unit; 0 if they are not sampled
     holds: bool = True
@@ -140,7 +140,7 @@ class Growth(NamedTuple):
         }
 
     def law(self, what: str, min_floors: float = 2.0) -> PowerLaw | None:
-        """The power of a figure; None if fewer than 3 errors exceed so many sampling floors."""
+        """The power of a figure; None without 3 errors above `min_floors` sampling floors."""
         values = self.means()[what]
         clear = values > (min_floors * self.floor if what in self.errors else 0.0)
         if np.count_nonzero(clear) < 3:
@@ -221,7 +221,7 @@ def _rebuilt(
     for size in sizes:
         arguments = evidence(shapes[0], size, 0)
         calls[size] = partial(reconstruct, **arguments)
-        if what == "lattice":  # the time of the lattice without that of the skin which it follows
+        if what == "lattice":  # its time, without that of the skin to which it is fitted
             side = reconstruct(arguments["contours"], method="skin").side
             assert side is not None
             calls[size] = partial(fit_lattice, side.patch, size=arguments["size"])

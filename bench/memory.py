@@ -41,8 +41,8 @@ FEEDER = "tracer"  # The node whose place the feeder takes
 class MemorySettings:
     """How long memory is watched, and how much it may grow."""
 
-    n_touches: int = 10_000
-    warm_share: float = 0.2  # of the touches, before which memory is ignored: caches fill
+    n_touches: int = 10_000  # of the run
+    warm_share: float = 0.2  # fraction of the touches, the first, that are ignored: caches fill
     max_growth: float = 1.0  # [MB] per 1,000 touches, beyond the touched taxels
 
 
@@ -52,10 +52,10 @@ QUICK_MEMORY = MemorySettings(n_touches=2_000)
 class FeederParams(Struct, frozen=True, kw_only=True):
     """What the feeder does."""
 
-    touches: int  # After so many it finishes
-    n_sides: int = 60  # Different touches
+    touches: int  # Number of touches after which it finishes
+    n_sides: int = 60  # Different touches, which are repeated
     touches_per_goal: int = 20
-    height: float = 0.05  # [m] of the middle of the object
+    height: float = 0.05  # [m] added to the touches, to the middle of the object
 
 
 @cache

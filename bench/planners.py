@@ -34,19 +34,19 @@ class PlannerSettings:
     """Objects, tolerances and demands of the comparison of planners."""
 
     max_error: float = 0.0025  # [fraction of the height] root mean square error of the side
-    # [fraction of the height] that are asked for; none is below the error that noise alone causes.
+    # [fraction of the height] demanded; none is below the error that noise alone causes.
     tolerances: tuple[float, ...] = (0.0015, 0.002, 0.0025, 0.004)
     noise: float = 1e-4  # [m] standard deviation of a pad's position
     n_drawn: int = 60  # random objects, of which a third calibrate the bound
     seed: int = 11  # of the random objects
     n_candidates: int = 95  # heights among which the planner that sees the truth chooses
-    max_calibration_slices: int = 40
-    max_decision_time: float = 5.0  # [ms]
-    max_over_uniform: float = 0.95  # contours of the default planner over those of even slices
-    max_over_positions: float = 0.70  # the same over even slices without slopes
-    max_more: int = 1  # contours than even slices, on the worst object
-    held_range: tuple[float, float] = (0.90, 0.98)  # share of bounds of 95 % that hold
-    min_punctual: float = 0.80  # share of bounds within tolerance at most one contour late
+    max_calibration_slices: int = 40  # of a run that tests the bound
+    max_decision_time: float = 5.0  # [ms] of the default planner, for one slice
+    max_over_uniform: float = 0.95  # contours of the default planner / of even slices
+    max_over_positions: float = 0.70  # the same / of even slices without slopes
+    max_more: int = 1  # contours of the default planner minus even slices, on the worst object
+    held_range: tuple[float, float] = (0.90, 0.98)  # fraction of the 95 % bounds that must hold
+    min_punctual: float = 0.80  # of runs: bound and error meet it at most 1 contour apart
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,18 +54,18 @@ class TemplateSettings:
     """Objects and the grid of constants of the comparison of step templates."""
 
     n_drawn: int = 80  # random objects; every second one chooses the constants
-    rates: tuple[float, ...] = (0.02, 0.05, 0.15, 0.4, 1.0)  # of curvature
-    # Rate of the change of curvature over that of curvature; 0: the change has no influence.
-    product_changes: tuple[float, ...] = (0.0, 0.5, 2.0)
-    joint_changes: tuple[float, ...] = (0.5, 2.0)
+    rates: tuple[float, ...] = (0.02, 0.05, 0.15, 0.4, 1.0)  # of curvature; larger: shorter steps
+    # The same factor of the change of curvature, divided by that of curvature; 0: no influence.
+    product_changes: tuple[float, ...] = (0.0, 0.5, 2.0)  # where two templates are multiplied
+    joint_changes: tuple[float, ...] = (0.5, 2.0)  # the same, where one template has the sum
     # [fraction of the height] smallest and largest step
     steps: tuple[tuple[float, float], ...] = (
         *((0.02, 0.1), (0.02, 0.2), (0.05, 0.15), (0.08, 0.2), (0.06, 0.35), (0.12, 0.35)),
     )
     powers: tuple[float, ...] = (0.5, 1.0, 3.0)  # of the two templates that have one
-    stride: int = 1  # in the list of all sets of constants
+    stride: int = 1  # only each `stride`-th set of constants is tried
     n_segments: tuple[int, ...] = (2, 4, 16)  # of the piecewise linear forms
-    max_over_best: float = 0.85  # contours of the default planner over those of the best template
+    max_over_best: float = 0.85  # contours of the default planner / of the best template
 
 
 DEFAULT_PLANNERS = PlannerSettings()
@@ -79,8 +79,8 @@ class PlanClaim(NamedTuple):
     true: float  # Root mean square error
     bound: float  # That the run states
     slices: int
-    first_true: int | None  # Slices at which the error is first within tolerance
-    first_bound: int | None  # Slices at which the bound is first within tolerance
+    first_true: int | None  # Number of slices at which the error is first within tolerance
+    first_bound: int | None  # Number of slices at which the bound is first within tolerance
 
 
 def planner_rows(quick: bool) -> Iterable[Row]:
@@ -134,7 +134,7 @@ def _trials(objects: Mapping[str, rules.Radius]) -> Trials:
 
 
 def _counts(trials: Trials, max_error: float) -> tuple[Counts, Counts, Counts]:
-    """Of even slices, of even ones rebuilt from positions alone, and of the default planner."""
+    """Counts of even slices, of even slices without slopes, and of the default planner."""
     bare = even_counts(trials, max_error, slopes=False)
     return even_counts(trials, max_error), bare, first_counts(rules.Predicted(), trials, max_error)
 
@@ -392,9 +392,9 @@ def plan_count(planner: rules.Planner, trial: rules.PlannerTrial, max_error: flo
 
 
 def finding(kind: str, chosen: Mapping[str, ChosenRule]) -> Row:
-    """The best template on objects that did not choose its constants, these, and the worst one.
+    """The best and the worst template, on objects on which their constants were not chosen.
 
-    Constants are the rates of curvature and change, smallest and largest step, and the power.
+    Constants of the best: rates of curvature and change, smallest and largest step, power.
     """
     ranked = sorted(chosen.items(), key=lambda item: item[1].judged_mean)
     (first, best), (last, worst), rule = ranked[0], ranked[-1], ranked[0][1].rule

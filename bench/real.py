@@ -53,10 +53,10 @@ class ComparisonSettings:
 
     n_samples: int = 20_000  # points on each surface
     touched_distance: float = 5e-3  # [m] from a touched point, within which a surface is covered
-    part_distances: tuple[float, float] = (2e-3, 5e-3)  # [m] from touch, at which parts end
+    part_distances: tuple[float, float] = (2e-3, 5e-3)  # [m] from touch: touched | near | far
     n_independent: int = 400  # samples for trimesh on each surface
-    n_at_once: int = 10  # of these, for the sake of memory
-    min_uncovered: float = 0.01  # share of a surface that is reported as not covered
+    n_at_once: int = 10  # of these samples, searched together; more take more memory
+    min_uncovered: float = 0.01  # fraction of a surface; runs with more not covered are reported
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -67,7 +67,7 @@ class PictureSettings:
     views: tuple[tuple[float, float], ...] = (
         *((20.0, 35.0), (20.0, 215.0), (75.0, 35.0), (-60.0, 35.0)),
     )
-    colour_range: tuple[float, float] = (0.01, 5.0)  # [mm]
+    colour_range: tuple[float, float] = (0.01, 5.0)  # [mm] of distance, logarithmic
 
 
 COMPARISON = ComparisonSettings()
@@ -113,8 +113,8 @@ class PartError(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     name: str  # One of `PART_NAMES`
     share: float  # Of the surface
-    rms_m: float
-    bound_m: float
+    rms_m: float  # Root mean square error [m]
+    bound_m: float  # Stated bound of that error [m]
 
 
 class RealRun(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -142,7 +142,7 @@ class TrueSurface(NamedTuple):
 
     surface: geometry.PreparedSurface
     volume: float  # In the mesh's unit, cubed
-    floor: float  # Mean error of its own facets over `unit`: smaller errors cannot be measured
+    floor: float  # Mean error of its own facets / `unit`: smaller errors cannot be measured
     unit: float  # Length over which errors are given, in the mesh's unit
 
     def errors_of(self, mesh: Mesh) -> MeshErrors:

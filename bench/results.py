@@ -39,7 +39,7 @@ class ComparisonSettings:
     time_noise: float = 0.10  # [fraction of the value] of a time measured once
     error_noise: float = 0.02  # [fraction of the value] of any other size measured once
     min_change: float = 1e-12  # in any unit: smaller changes are rounding
-    max_load: float = 0.75  # of a core, above which times are not compared
+    max_load: float = 0.75  # processes ready to run / cores; above it times are not compared
 
     def noise_of(self, kind: Kind) -> float:
         """Noise as a fraction of the value of a figure measured once; counts are exact."""

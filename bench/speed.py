@@ -46,9 +46,9 @@ class SceneSettings:
     """Which scenes run how often, and what is demanded of each."""
 
     scenes: tuple[str, ...] = SCENES
-    n_turns: int = 3
-    max_chamfer: float = 0.2  # [% of the height]
-    max_contours: int = 15
+    n_turns: int = 3  # runs of each scene
+    max_chamfer: float = 0.2  # [% of the height] Chamfer distance
+    max_contours: int = 15  # of a scene
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -56,23 +56,23 @@ class TouchSettings:
     """A ball that is touched by square arrays, and what a touch may cost."""
 
     sides: tuple[int, ...] = (8, 16, 32, 64)  # taxels along a side
-    n_repeats: int = 7
+    n_repeats: int = 7  # contours that are traced with each array
     ball_radius: float = 0.03  # [m]
     approach: float = 0.02  # [m] outside of the ball, where tracing starts
     array_width: float = 16e-3  # [m]
     max_time: float = 1.5  # [ms] of a touch with 16 x 16 taxels
-    max_ratio: float = 3.0  # of the time with 32 x 32 taxels over that with 16 x 16
+    max_ratio: float = 3.0  # time of a touch with 32 x 32 taxels / with 16 x 16
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunGrowthSettings:
     """Numbers of touches and fingers of a run, and the power of its processor time."""
 
-    touches: tuple[int, ...] = (100, 300, 1000, 3000, 10_000)
-    fingers: tuple[int, ...] = (1, 2, 3, 4, 5)
-    touches_per_slice: float = 18.0  # about
-    max_fitted: int = 4000  # touches up to which the power is fitted
-    max_power: float = 1.1  # of the touches
+    touches: tuple[int, ...] = (100, 300, 1000, 3000, 10_000)  # wanted, of one finger
+    fingers: tuple[int, ...] = (1, 2, 3, 4, 5)  # of runs with the default planner
+    touches_per_slice: float = 18.0  # of even slices, about: sets their number
+    max_fitted: int = 4000  # touches of the longest run to which the power is fitted
+    max_power: float = 1.1  # of processor time over touches; 1: proportional
 
 
 QUICK_SCENES = SceneSettings(scenes=("vase", "egg", "worn_sensor"), n_turns=1)
@@ -186,7 +186,7 @@ class SceneSpeed(NamedTuple):
         return figures
 
     def ratio(self, name: str) -> float:
-        """Median over that of the older checkout."""
+        """Median of a figure / median of the older checkout."""
         return median_of(self.runs, name) / median_of(self.older, name)
 
     def _parts(self, kind: str) -> dict[str, float]:

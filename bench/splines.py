@@ -26,10 +26,10 @@ class SplineSettings:
 
     counts: tuple[int, ...] = (12, 16, 20)  # functions along each axis of a control lattice
     degree: int = 3
-    n_points: int = 50_000
-    n_turns: int = 7
-    n_threads: int = 2
-    max_ratio: float = 1.1  # of the processor time over scipy's, which checks no arguments
+    n_points: int = 50_000  # scattered, at which they are evaluated
+    n_turns: int = 7  # measurements of each time
+    n_threads: int = 2  # that share the points in one of the rows
+    max_ratio: float = 1.1  # processor time / scipy's; scipy does not check the points
 
 
 QUICK_SPLINES = SplineSettings(n_points=20_000)
@@ -66,7 +66,7 @@ def spline_rows(quick: bool) -> Iterator[Row]:
 def _parallel_rows(
     bases: list[Basis], control: Floats, points: Floats, settings: SplineSettings
 ) -> Iterator[Row]:
-    """Elapsed time with the points shared among threads, over that of one, as 6.1 proposes."""
+    """Elapsed time with the points shared among threads / with one thread, as 6.1 proposes."""
     n_threads = settings.n_threads
     with ThreadPoolExecutor(n_threads) as pool:
 

@@ -25,18 +25,18 @@ MIN_STEP, MAX_STEP = rules.TRAINED.min_step, rules.TRAINED.max_step
 class TrainingSettings:
     """Samples, network and loss."""
 
-    seed: int = 1000  # of objects, slices and starts; other than that of any bench
+    seed: int = 1000  # of objects, slices and starts; no bench has the same
     n_objects: int = 150
     n_slices: int = 12  # of an object
     tolerances: tuple[float, ...] = (5e-4, 1e-3, 2.5e-3, 5e-3)  # [fraction of the height]
-    n_steps: int = 25  # in the table, from the smallest to the largest
+    n_steps: int = 25  # tried step lengths, from the smallest to the largest
     n_compared: int = 12  # heights between two slices at which the side is compared
     margin: float = 0.02  # [fraction of the height] at the ends, without slices
     n_hidden: int = 6  # units of the network
     quantile: float = 0.05  # of the longest steps; of 0.05 to 0.25 the best on 60 other objects
-    loss_width: float = 0.02  # over which the loss of the quantile is smoothed
-    decay: float = 1e-3  # of the squares of the weights
-    n_starts: int = 4  # of the minimisation
+    loss_width: float = 0.02  # of the smoothed kink of the quantile loss; 0 to 1 is all steps
+    decay: float = 1e-3  # factor of the mean squared weight in the loss
+    n_starts: int = 4  # of the minimisation, with random weights; the best is kept
 
 
 def samples(settings: TrainingSettings) -> Iterator[tuple[float, float, float, float]]:

@@ -24,9 +24,9 @@ class KindSettings:
     """When taxels count as touched, and which kind a touch has."""
 
     min_compression: float = 50e-6  # [m] of a touched taxel
-    min_compression_sigmas: float = 5.0  # the same in standard deviations of the noise
-    min_face_taxels: int = 8  # of a face that counts
-    min_taxels: int = 12  # of a touch from which curvature can be estimated
+    min_compression_sigmas: float = 5.0  # the same, in standard deviations of a taxel
+    min_face_taxels: int = 8  # touched taxels of a face that counts
+    min_taxels: int = 12  # touched taxels of a touch; with fewer its kind is `insufficient`
     # [pitch] root mean square spread of a face's taxels across their longest direction; the taxels
     # of a narrower face lie on a line and do not determine a plane.
     min_face_width: float = 0.4
@@ -36,7 +36,7 @@ class KindSettings:
 class WalkSettings:
     """A walk over a quadric."""
 
-    n_touches: int = 12
+    n_touches: int = 12  # of a walk
     step: float = 3e-3  # [m] between touches: four fifths of the pad overlap
     depth: float = 1.5e-3  # [m] of a touch
     min_compression: float = 50e-6  # [m] of a touched taxel

@@ -61,13 +61,13 @@ class ThesisSettings:
     noise: float = 0.005  # [fraction of the height] along x and y
     mesh_size: tuple[int, int] = (161, 240)  # rows and columns of the solids
     true_size: tuple[int, int] = (401, 720)  # of the truth
-    floor_size: tuple[int, int] = (301, 541)  # of its other mesh, for the error of measuring
+    floor_size: tuple[int, int] = (301, 541)  # of its second mesh, whose error is the floor
     n_recorded_points: int = 80  # of a recorded contour for the thesis, at even azimuths
-    n_rounds: int = 2  # the faster of which is the time
+    n_rounds: int = 2  # of each method; the shortest time counts
     n_steps: int = 400  # largest steps that are tried for the contours of example 2
-    step_range: tuple[float, float] = (0.03, 0.3)  # [fraction of the height] of these
-    min_step_ratio: float = 0.25  # of the smallest step to the largest
-    tolerance: float = 0.5  # which the thesis's rule ignores
+    step_range: tuple[float, float] = (0.03, 0.3)  # [fraction of the height] of the largest step
+    min_step_ratio: float = 0.25  # smallest step / largest step
+    tolerance: float = 0.5  # that every planner has to be given; the thesis's rule ignores it
 
 
 DEFAULT_THESIS = ThesisSettings()

@@ -29,8 +29,8 @@ class ToleranceSettings:
 
     scenes: tuple[str, ...] = SCENES
     percents: tuple[float, ...] = (1.0, 0.5, 0.2, 0.1, 0.05)  # [% of the height] rms errors
-    min_share: float = 0.90  # of bounds that hold, and of tolerances that are met
-    max_ratio: float = 0.45  # of touches at the loosest over those at the strictest tolerance
+    min_share: float = 0.90  # smallest fraction of bounds that hold, and of tolerances met
+    max_ratio: float = 0.45  # touches at the loosest tolerance / at the strictest
     max_touches: int = 90  # at the second tolerance, of smooth scenes
     # Error [% of the height] of the noisy vase, and robot time [s] with grasp until it is reached.
     deadlines: tuple[tuple[float, float], ...] = ((0.5, 200.0), (0.2, 280.0))

@@ -44,8 +44,8 @@ class HouseSettings:
 
     max_lines: int = 600  # of a file that is not long
     min_lines: int = 60  # of a file that is not short
-    min_rebuild_calls: int = 1000  # of a visit of the reconstructor that rebuilds
-    min_frames: int = 10  # before a rebuild: earlier models are fits of a superquadric
+    min_rebuild_calls: int = 1000  # in one call of the reconstructor, which then has rebuilt
+    min_frames: int = 10  # before a rebuild counts: earlier models are fits of a superquadric
 
 
 HOUSE = HouseSettings()
@@ -155,7 +155,7 @@ Visit = tuple[str, tuple[Call, ...]]  # A node, and the calls from entering it t
 
 
 class _Enough(BaseException):
-    """All that is needed has been observed."""
+    """Ends the observed program, when all that is needed has been observed."""
 
 
 class CallWatch:

@@ -65,7 +65,7 @@ def plot_cost(run: Path, path: Path) -> None:
 
 
 def robot_time(run: Path, names: Sequence[str] = ()) -> Costs:
-    """Costs of a recorded run with some robots, or with all, by names that contain the unit.
+    """Costs of a recorded run with some robots, or all if none is named; keys contain the unit.
 
     Raises InputError if the recording cannot be read or has no moves, or a robot is unknown.
     """
@@ -137,7 +137,7 @@ def with_recomputed_waits(
     lasts = [move_durations(moves, robot).total() for moves in unwaiting]
     waits = [finger.moves.wait.copy() for finger in fingers]
     ends = [np.zeros(len(finger.ends)) for finger in fingers]
-    # In the order of their ends, an awaited move comes before the move that waits for it.
+    # Moves are taken in the order of their ends: an awaited move before the one that waits.
     order = sorted((end, i, k) for i, f in enumerate(fingers) for k, end in enumerate(f.ends))
     for end, finger, move in order:
         before = ends[finger][move - 1] if move else 0.0
@@ -150,7 +150,7 @@ def with_recomputed_waits(
 
 
 def _awaited(fingers: Sequence[FingerMoves], finger: int, move: int) -> tuple[int, int] | None:
-    """Indices of the finger and the move at whose end a move begins; None if there is none."""
+    """Finger and move, as indices, whose end ends the wait of a move; None for any other wait."""
     own = fingers[finger]
     start = float(own.moves.wait[move]) + (float(own.ends[move - 1]) if move else 0.0)
     for i, other in enumerate(fingers):
@@ -160,9 +160,9 @@ def _awaited(fingers: Sequence[FingerMoves], finger: int, move: int) -> tuple[in
     return None
 
 
-def _part_figures(durations: MoveDurations, which: Bools) -> Costs:
-    parts = {f"{part}_s": float(getattr(durations, part)[which].sum()) for part in PARTS}
-    return {**parts, "total_s": float(durations.total()[which].sum())}
+def _part_figures(durations: MoveDurations, mask: Bools) -> Costs:
+    parts = {f"{part}_s": float(getattr(durations, part)[mask].sum()) for part in PARTS}
+    return {**parts, "total_s": float(durations.total()[mask].sum())}
 
 
 # Simulator of a finger, and rows, goals and ends of its moves.

@@ -70,7 +70,7 @@ class FinalSolid(NamedTuple):
 
     vertices: Floats  # (n, 3) [m]
     faces: NDArray[np.int32]  # (m, 3)
-    scalars: Mapping[str, Floats]  # as of `Mesh.scalars`
+    scalars: Mapping[str, Floats]  # (n,) each [m], by the names of `Mesh.scalars`
     final: bool | None  # whether the run had ended; None if unknown
 
 

@@ -37,12 +37,12 @@ class ChartSizes:
     node_font: float = 10.5
     topic_font: float = 9.0
     line_height: float = 12.0  # from one topic to the next
-    padding: float = 6.0  # in a cell
+    padding: float = 6.0  # in a cell, around its texts
     cell_gap: float = 7.0  # between two cells
     margin: float = 8.0  # around the chart
     topic_gap: float = 2.0  # between a topic and its line
-    stack_offset: float = 3.0  # of the second box of a stack
-    arrow_head: float = 6.0
+    stack_offset: float = 3.0  # of the second box of a stack, upwards and to the right
+    arrow_head: float = 6.0  # diameter
     end_dot: float = 4.0  # diameter of the end of a line without a subscriber
     legend_sign: float = 40.0  # width of a sign of the legend
 

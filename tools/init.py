@@ -45,7 +45,7 @@ def begin(
     like = template or kind
     texts = {
         folder / form.format(name): path.read_text(encoding="utf-8")
-        for form, path in _parts(like).items()
+        for form, path in _template_files(like).items()
     }
     article = "an effect" if kind == "effect" else f"a {kind}"
     cls = _checked_class(kind, name, article, folder / f"{name}.py", tuple(texts.values()))
@@ -90,8 +90,8 @@ def _filled_in(text: str, name: str, words: Mapping[str, str], *, own_steps: boo
     return _with_imports_apart(text, name)
 
 
-def _parts(like: str) -> dict[str, Path]:
-    """Templates of the files that are written, by the form of their names."""
+def _template_files(like: str) -> dict[str, Path]:
+    """Paths of templates by the names of the files that are written; {} is the module's name."""
     forms = {"{}.py": ".py", "test_{}.py": "_check.py", "{}.yaml": ".yaml"}
     paths = {form: TEMPLATES / f"{like}{end}" for form, end in forms.items()}
     if like == "filter":  # the shipped filter is its own template

@@ -43,10 +43,10 @@ class WarningLimits:
 
     min_size: float = 1e-3  # [m] below which the unit is doubted
     max_size: float = 10.0  # [m] above which it is doubted
-    max_overshoot: float = 0.05  # fraction of the width, of the side beyond its contours
-    min_uncovered: float = 1e-3  # fraction of the height, not covered or missed at a touched end
-    max_end_steps: float = 3.0  # steps between contours, from the last of them to a touched end
-    max_named: int = 4  # contours that a sentence names
+    max_overshoot: float = 0.05  # [fraction of the width] that the side swings out between contours
+    min_uncovered: float = 1e-3  # [fraction of the height] beyond contours, or off a touched end
+    max_end_steps: float = 3.0  # [largest step between contours] from the last to a touched end
+    max_named: int = 4  # contours that a sentence names; the rest is counted
 
 
 DEFAULT_LIMITS = WarningLimits()

@@ -36,7 +36,7 @@ class CoverageLimits:
     """How much of a surface may lie far from all points without a warning."""
 
     max_distance: float = 5.0e-3  # [m] from the nearest point; beyond it the surface is a guess
-    max_far_share: float = 0.01  # of the area
+    max_far_share: float = 0.01  # fraction of the area that may lie farther off
 
 
 DEFAULT_COVERAGE = CoverageLimits()

@@ -33,8 +33,8 @@ class ScoreLimits:
     """What files a score takes, and when their sizes are doubted."""
 
     min_points: int = 6  # of a reference that consists of points
-    max_coordinate: float = 1e30  # [m] whose powers do not overflow
-    max_size_ratio: float = 5.0  # of the larger to the smaller; beyond it a unit is probably wrong
+    max_coordinate: float = 1e30  # [m] so that its powers do not overflow
+    max_size_ratio: float = 5.0  # larger size / smaller size; beyond it a unit is probably wrong
 
 
 DEFAULT_LIMITS = ScoreLimits()

@@ -25,8 +25,8 @@ Colours = NDArray[np.uint8]
 class ScaleSettings:
     """How the top of a scale of colours follows from the values on a surface."""
 
-    quantile: float = 0.98  # of the values; larger ones may have the last colour
-    min_top: float = 1e-6  # [m]
+    quantile: float = 0.98  # of the values; values above the top have the last colour
+    min_top: float = 1e-6  # [m] smallest top
     mantissas: tuple[float, ...] = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)  # of a round top
 
 

@@ -47,11 +47,11 @@ Kernel = Callable[[Floats], tuple[Floats, Floats, Floats]]
 class ChoiceSettings:
     """How the next touch is chosen."""
 
-    n_candidates: int = 400  # random points that are moved onto the surface
-    n_newton_steps: int = 8  # onto the surface
-    min_squared_slope: float = 0.1  # in a step
-    max_value: float = 5e-4  # [m] of the implicit function at a candidate
-    travel_weight: float = 0.01  # [m] of deviation that outweighs a metre of travel; 0 does worse
+    n_candidates: int = 400  # random points that are moved onto the surface; touch one of them
+    n_newton_steps: int = 8  # by which each point is moved onto the surface
+    min_squared_slope: float = 0.1  # by which a step divides; larger: shorter steps where flat
+    max_value: float = 5e-4  # [m] largest absolute implicit function of a candidate
+    travel_weight: float = 0.01  # [m of standard deviation / m of travel]; 0 does worse
     margin: float = 6e-3  # [m] around the object's box
     seed: int = 0
 
@@ -60,9 +60,9 @@ class ChoiceSettings:
 class ApproachSettings:
     """How the finger approaches a point where the surface is expected."""
 
-    # [m] from the expected surface to the start of the pad, beside two standard deviations.
+    # [m] from the expected surface to the start of the pad, added to two standard deviations.
     clearance: float = 8e-3
-    clearance_step: float = 0.02  # [m] by which that grows after a start inside of the object
+    clearance_step: float = 0.02  # [m] added after each start inside of the object
     overshoot: float = 0.012  # [m] behind the expected surface, at which a touch ends
 
 
@@ -70,13 +70,13 @@ class ApproachSettings:
 class ObservationSettings:
     """What the surface learns of a touch; errors are standard deviations."""
 
-    n_points: int = 9  # of each touch
+    n_points: int = 9  # observed of each touch
     pose_error: float = 1e-4  # [m] common to all points of a touch
     point_error: float = 2e-5  # [m] of a point, by an exact finger
-    slope_error: float = 0.03  # of a normal's components
-    unknown_slope_error: float = 1e3  # of a normal that was not measured
+    slope_error: float = 0.03  # of each component of a unit normal
+    unknown_slope_error: float = 1e3  # the same of a normal that was not measured
     miss_value: float = 4e-3  # [m] of the implicit function where a miss ends
-    miss_error: float = 3e-3  # [m]
+    miss_error: float = 3e-3  # [m] of that value
 
 
 class Explorer:
@@ -100,7 +100,7 @@ class Explorer:
         self._last = ball.centre
 
     def touch_until(self, count: int) -> None:
-        """Touch until the finger has made so many touches."""
+        """Touch until the finger has made `count` touches."""
         while len(self.finger.touched) < count:
             self._touch_next()
 
@@ -204,10 +204,10 @@ class GuardedFinger:
         overshoot: float,
         min_upward: float = -0.7,
     ) -> TouchResult:
-        """Approach along an outward unit normal a point (3,) where the surface is expected.
+        """Approach a point (3,) where the surface is expected, against its outward unit normal.
 
-        `standoff`, `overshoot`: distances [m] before the point at which the pad starts, and behind
-        it at which it stops. `min_upward`: smallest z of the direction of approach.
+        The pad starts `standoff` [m] before the point, and stops at the latest `overshoot` [m]
+        behind it. `min_upward`: smallest z of the normal against which the pad moves.
         """
         upward = max(float(normal[2]), min_upward)
         heading = float(np.arctan2(normal[1], normal[0]))
@@ -304,9 +304,9 @@ class GpSurface:
     ) -> Mesh:
         """The surface within a box (2, 3), cut off at the height of the platform.
 
-        It is that of a cubic interpolation on a grid of cells [m] far smaller than the length of
-        the kernel. `level`: of the mesh, by default with cells of 0.8 mm. `step`: fraction of a
-        cell's edge over which slopes are taken.
+        The field is interpolated by cubic splines on a grid of `cell` [m], which is far smaller
+        than the length of the kernel. `level`: of the mesh, by default with cells of 0.8 mm.
+        `step`: fraction of a mesh cell's edge over which slopes are taken.
         """
         size = np.ceil((box[1] - box[0]) / cell).astype(int) + 1
         axes = [np.linspace(box[0, i], box[1, i], size[i]) for i in range(3)]

@@ -39,9 +39,9 @@ class AccuracyDemands:
     """What is demanded of palpate; targets are errors as fractions of the height."""
 
     dominated_below: float = 0.003  # targets at which no method may be cheaper
-    middle_target: float = 0.005  # of smooth objects
-    max_middle_touches: int = 90  # to reach that
-    max_loose_ratio: float = 0.45  # of touches at the loosest over those at the strictest tolerance
+    middle_target: float = 0.005  # target on smooth objects
+    max_middle_touches: int = 90  # to reach that: median over seeds, of the worst object
+    max_loose_ratio: float = 0.45  # touches at the loosest tolerance / at the strictest
     min_held: float = 0.90  # share of bounds of 95 % that hold
 
 
@@ -172,17 +172,17 @@ def _method_rows(name: str, entries: Mapping[statistics.Entry, Sequence[Run]]) -
     runs = [run for some in entries.values() for run in some if run.curve]
     shares = sorted({f"{100 * (run.tolerance_m or 0) / run.size_m:.3g}" for run in runs}, key=float)
     for share in reversed(shares):
-        some = [r for r in runs if f"{100 * (r.tolerance_m or 0) / r.size_m:.3g}" == share]
-        lasts = [run.curve[-1] for run in some]
+        same_share = [r for r in runs if f"{100 * (r.tolerance_m or 0) / r.size_m:.3g}" == share]
+        lasts = [run.curve[-1] for run in same_share]
         touches, robot, compute = (
             float(np.median([last.cost(cost) for last in lasts]))
             for cost in ("touches", "robot", "compute")
         )
-        error = 100.0 * float(np.median([run.error for run in some]))
+        error = 100.0 * float(np.median([run.error for run in same_share]))
         title = f"{name}, {'to its end' if share == '0' else f'asked for {share} %'}"
         shown = f"{error:.3f} %, {touches:.0f}, {robot:.0f} s, {compute:.0f} s"
         yield Row(f"{title}: rms, touches, robot, processor", shown)
-        if finals := [run.final for run in some if run.final is not None]:
+        if finals := [run.final for run in same_share if run.final is not None]:
             yield Row(f"{title}: two-way sum, F at 1 and 5 mm", _finals_text(finals))
     stages: dict[str, list[float]] = {}
     for run in runs:

@@ -189,7 +189,7 @@ def gaussian_process(problem: Problem, tolerance: float, seed: int) -> Iterator[
 
 
 def even_count(share: float) -> int:
-    """Number of even slices for an error as a share of the height: three for 1 %, by cube root."""
+    """Number of even slices for an error [fraction of the height]: 3 (0.01 / error)^(1/3)."""
     return math.ceil(3.0 * math.cbrt(0.01 / share) - 1e-9)
 
 

@@ -32,7 +32,7 @@ class Point(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Error and cost of a model."""
 
     touches: Annotated[int, Meta(ge=0)]  # Of all fingers, without those of a grasp
-    robot_time_s: Cost  # With that of the grasp
+    robot_time_s: Cost  # With the time of the grasp
     compute_s: Cost  # Of one processor, without scoring
     rms_m: Length  # Root mean square distance, as in docs/distances.md
     chamfer_m: Length  # Mean of the two one-way mean distances
@@ -90,8 +90,8 @@ class Run(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class Runs(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """All runs of a file."""
 
-    form: str
-    version: int
+    form: str  # `FORM`
+    version: int  # `VERSION`
     methods: Mapping[Name, str]  # A sentence about each
     runs: tuple[Run, ...]
     machine: Mapping[str, Any] = {}

@@ -24,7 +24,7 @@ MARKS = "osvD^P*X"
 
 
 def write_sheet(folder: Path, runs: Sequence[Run], first: str, which: str) -> None:
-    """Write ``sheet.svg`` and ``sheet.png`` into a folder; `first` is drawn on top."""
+    """Write ``sheet.svg`` and ``sheet.png``; method `first` is on top, `which` names the cost."""
     figure = draw_sheet(runs, first, which)
     for name in ("sheet.svg", "sheet.png"):
         charts.write_figure(figure, folder / name, "What accuracy costs")

@@ -17,7 +17,7 @@ from palpate.bench.accuracy.runs import Run
 from palpate.core.arrays import Floats
 
 TARGETS = np.geomspace(1e-2, 1e-4, 15)  # Root mean square errors over the height
-ROUNDING = 1.0 + 1e-6  # Of a tolerance: a share of the height that is stored in m
+ROUNDING = 1.0 + 1e-6  # Factor of a tolerance, which is stored in m and compared over the height
 
 Entry = tuple[str, int]  # Object and seed
 Table = Mapping[str, Mapping[Entry, Sequence[Run]]]  # Runs by method and entry
@@ -43,7 +43,7 @@ def run_for(runs: Sequence[Run], target: float) -> Run:
 
 
 def cost_to_reach(runs: Sequence[Run], target: float, which: str) -> float:
-    """Cost of the first model within a target, in the run for it; infinite without one."""
+    """Cost of the first model within a target, in the run of `run_for`; infinite without one."""
     run = run_for(runs, target)
     good = (point for point in run.curve if point.rms_m <= target * run.size_m)
     return next((point.cost(which) for point in good), math.inf)
@@ -102,11 +102,11 @@ def work_precision(entries: Mapping[Entry, Sequence[Run]], which: str) -> list[S
         else:
             for i, point in enumerate(run.curve):
                 pairs[i].append((point.cost(which), point.rms_m / run.size_m))
-    most = max((len(some) for some in pairs.values()), default=0)
+    largest = max((len(group) for group in pairs.values()), default=0)
     spreads = []
-    for _, some in sorted(pairs.items()):
-        if 2 * len(some) > most:  # models of the longest runs alone are not comparable
-            cost, error = np.percentile(np.array(some), (25, 50, 75), axis=0).T
+    for _, group in sorted(pairs.items()):
+        if 2 * len(group) > largest:  # models of the longest runs alone are not comparable
+            cost, error = np.percentile(np.array(group), (25, 50, 75), axis=0).T
             spreads.append(Spread(cost, error))
     return spreads
 
@@ -124,9 +124,9 @@ def held_share(pairs: Floats) -> float:
 
 
 def dominated_at(ours: Mapping[str, Floats], other: Mapping[str, Floats]) -> bool:
-    """Whether at each cost as many of our entries reach a target as of the other method's.
+    """Whether, at each cost, at least as many of our entries reach a target as of the other's.
 
-    Costs (seeds, 1) by object, of the same objects.
+    Arguments: costs (seeds, 1) by object, of the same objects.
     """
     mine, theirs = (np.sort(np.concatenate([*costs.values()]).ravel()) for costs in (ours, other))
     return bool((mine <= theirs).all())

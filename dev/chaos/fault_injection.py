@@ -58,8 +58,8 @@ _MAX_DELAYS = {"start": 0.5, "grasp": 0.1, "tracing": 0.02, "models": 0.5, "end"
 class InjectionSettings:
     """How faults are injected."""
 
-    period: float = 5e-3  # [s] between two looks at the graph
-    tap_depth: int = 10_000  # messages of a tap that may wait for the injector
+    period: float = 5e-3  # [s] between two checks of the graph
+    tap_depth: int = 10_000  # messages that a tap keeps for the injector; beyond it they are lost
     disk_room: int = 1000  # bytes that a recorder may still write when its disk becomes full
 
 

@@ -31,9 +31,9 @@ class Event(NamedTuple):
     publisher: str
     topic: str
     epoch: int  # Number of earlier starts of its publisher
-    seq: int
-    sent_ns: int
-    body: bytes
+    seq: int  # Number of the message on its topic, from 0
+    sent_ns: int  # Time of sending [ns]
+    body: bytes  # Packed by msgpack
 
 
 @dataclass(frozen=True, slots=True)

@@ -49,9 +49,9 @@ nodes:
 class TrialSettings:
     """Faults of a run, and how long it may take."""
 
-    faults_per_run: int = 8  # unless one of them ends it
-    max_slowdown: float = 20.0  # of a run over that without faults
-    extra_time: float = 120.0  # [s] beside that
+    faults_per_run: int = 8  # or one, which ends the run
+    max_slowdown: float = 20.0  # elapsed time of a run / of the run without faults
+    extra_time: float = 120.0  # [s] added to that limit
     exit_grace: float = 5.0  # [s] after the end of the launcher, until all processes have ended
 
 
@@ -340,7 +340,7 @@ class Exploration:
 
     file: str  # Path of the launch file, or name of a shipped one
     arguments: tuple[str, ...] = ()  # ``name:=value``
-    own: tuple[str, ...] = ()  # Nodes whose modules are not palpate's own
+    own: tuple[str, ...] = ()  # Nodes whose modules are the user's, not palpate's
 
     def start(self, out: Path, *, is_flooded: bool = False) -> subprocess.Popen[bytes]:
         """Start it in a session of its own; it writes into `out` and into the parent of that."""

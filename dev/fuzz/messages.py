@@ -75,7 +75,7 @@ class Packet(NamedTuple):
 
 
 def mutated_packet(rng: random.Random, body_share: float = 0.7) -> Packet:
-    """A packet with damage in its bytes or its structure; the rest are frames and words."""
+    """A damaged packet: a message body in `body_share` of the draws, else a frame or a word."""
     kinds = _examples()
     is_body = rng.random() < body_share
     reader = rng.choice([name for name in kinds if (name in TYPES) == is_body])

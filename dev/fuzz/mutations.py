@@ -212,7 +212,7 @@ def _other(rng: random.Random, _: Tree) -> Tree:
     )
 
 
-def _array(rng: random.Random, value: Tree) -> Tree:
+def _damaged_array(rng: random.Random, value: Tree) -> Tree:
     """An array with another dtype, shape or content; another value in place of other types."""
     if not isinstance(value, dict) or value.keys() != {"dtype", "shape", "data"}:
         return _other(rng, value)
@@ -234,7 +234,7 @@ def _array(rng: random.Random, value: Tree) -> Tree:
     return {**value, **rng.choice(changes)}
 
 
-def _longer(rng: random.Random, value: Tree) -> Tree:
+def _lengthened(rng: random.Random, value: Tree) -> Tree:
     if isinstance(value, (str, bytes, list)):
         return value * rng.choice((2, 100))
     if isinstance(value, dict):
@@ -242,7 +242,7 @@ def _longer(rng: random.Random, value: Tree) -> Tree:
     return [value]
 
 
-def _less(rng: random.Random, value: Tree) -> Tree:
+def _shortened(rng: random.Random, value: Tree) -> Tree:
     if isinstance(value, dict) and value:
         gone = rng.choice(list(value))
         return {key: item for key, item in value.items() if key != gone}
@@ -272,5 +272,5 @@ TEXT_MUTATIONS: tuple[Callable[[random.Random, bytes, Sequence[bytes]], bytes], 
     *(_reworded, _reworded, _reworded, _relined, _reblanked),
 )
 VALUE_MUTATIONS: tuple[Callable[[random.Random, Tree], Tree], ...] = (
-    *(_other, _array, _array, _longer, _less, _renamed),
+    *(_other, _damaged_array, _damaged_array, _lengthened, _shortened, _renamed),
 )

@@ -41,13 +41,13 @@ _CONTEXT = multiprocessing.get_context("forkserver")
 class TrialSettings:
     """Limits of the reading of an input, on a machine without other load."""
 
-    max_memory: float = 64.0  # [MB] beyond that before the trials
-    max_address_space: int = 512 << 20  # [bytes] beyond that before the trials
+    max_memory: float = 64.0  # [MB] peak minus the memory before the trials
+    max_address_space: int = 512 << 20  # [bytes] added to what is used before the trials
     hang_time: float = 20.0  # [s] without progress, after which a process is killed
-    poll_interval: float = 0.5  # [s] between two looks at a process
-    max_wait: float = 10.0  # [s] elapsed, above which elapsed time counts: waiting takes no CPU
-    n_tries: int = 3  # of an input that takes too long, because the processor may be shared
-    max_letters: int = 1000  # of the sentence of a refusal
+    poll_interval: float = 0.5  # [s] between two checks of a process
+    max_wait: float = 10.0  # [s] elapsed; above it elapsed time counts, not processor time
+    n_tries: int = 3  # of an input that takes too long: the processor may be shared
+    max_letters: int = 1000  # letters of the sentence of a refusal
     n_shown: int = 5  # defects of a kind that are printed
 
 
@@ -180,8 +180,8 @@ class Tally:
     defects: list[str] = field(default_factory=list)  # With the numbers that repeat them
     slowest: float = 0.0  # [s] of one input
     slowest_number: int = -1
-    memory: float = 0.0  # [MB] peak beyond that before the trials
-    memory_number: int = -1  # Of the input at the peak
+    memory: float = 0.0  # [MB] peak minus the memory before the trials
+    memory_number: int = -1  # Number of the input at the peak
 
 
 class _Shared(Structure):
@@ -252,7 +252,7 @@ def _fault(error: Exception, refusal: type[Exception]) -> str | None:
 
 
 def _duration(cpu_start: float, start: float) -> float:
-    """Processor time [s], or the elapsed time if that is long: it is spent waiting."""
+    """Processor time [s]; elapsed time if that exceeds `max_wait`, since waiting takes no CPU."""
     elapsed = time.monotonic() - start
     return elapsed if elapsed > LIMITS.max_wait else time.process_time() - cpu_start
 

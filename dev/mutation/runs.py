@@ -31,12 +31,12 @@ from dev.mutation.sites import ROOMS, Body, Point, Site, changed, find, target
 class RunLimits:
     """Limits of the tests of one change; times in [s]."""
 
-    cpu: int = 60  # a change that exceeds it hangs, and counts as caught
-    wall: float = 240.0  # the same elapsed: the machine may be shared
-    folder_wall: float = 90.0  # of a folder's tests; a change that exceeds it survives
-    folder_test: int = 40  # of each of these tests
-    confirming_wall: float = 1800.0  # of all tests without a change
-    poll_interval: float = 0.02
+    cpu: int = 60  # processor time of chosen tests; beyond it a change counts as caught: it hangs
+    wall: float = 240.0  # elapsed time of chosen tests; longer, since the machine may be shared
+    folder_wall: float = 90.0  # elapsed time of a folder's tests; a change beyond it survives
+    folder_test: int = 40  # elapsed time of each of these tests
+    confirming_wall: float = 1800.0  # elapsed time of tests without a change
+    poll_interval: float = 0.02  # between two checks whether the tests have ended
 
 
 LIMITS = RunLimits()

@@ -64,16 +64,16 @@ class Site:
     number: int
     file: str
     line: int
-    function: str
-    exact: str
-    shape: str
-    ordinal: int
+    function: str  # name
+    exact: str  # hash of the function
+    shape: str  # hash of the function without names
+    ordinal: int  # of the change among all of its function
     kind: str
-    before: str
-    after: str
-    statement: str
-    statement_shape: str
-    statement_ordinal: int
+    before: str  # text that is replaced
+    after: str  # text that replaces it
+    statement: str  # text
+    statement_shape: str  # hash without names
+    statement_ordinal: int  # of the change among those of its statement
 
 
 def bodies_of(root: Path) -> list[Body]:
@@ -110,10 +110,10 @@ def _functions(tree: ast.AST, prefix: str) -> Iterator[tuple[str, Function]]:
 
 def _points(function: Function) -> Iterator[Point]:
     for statement in function.body:
-        yield from _within(statement, statement)
+        yield from _points_below(statement, statement)
 
 
-def _within(node: ast.AST, statement: ast.stmt) -> Iterator[Point]:
+def _points_below(node: ast.AST, statement: ast.stmt) -> Iterator[Point]:
     """Possible changes at a node and below it, in the order of the text."""
     if isinstance(node, ast.Raise | ast.Assert | ast.Import | ast.ImportFrom | ast.JoinedStr):
         return
@@ -129,18 +129,18 @@ def _within(node: ast.AST, statement: ast.stmt) -> Iterator[Point]:
             continue
         for child in value if isinstance(value, list) else [value]:
             if isinstance(child, ast.AST):
-                yield from _within(child, statement)
+                yield from _points_below(child, statement)
 
 
 def _changes(node: ast.expr | ast.stmt) -> Iterator[tuple[str, str]]:
     """Kinds of change, and the text that replaces the node."""
     match node:
         case ast.BinOp(op=op) if type(op) in SIGNS and not _is_joined(node):
-            yield "sign", _with(node, "op", SIGNS[type(op)]())
+            yield "sign", _with_field(node, "op", SIGNS[type(op)]())
         case ast.BinOp(op=op) if type(op) in SCALES:
-            yield "sign", _with(node, "op", SCALES[type(op)]())
+            yield "sign", _with_field(node, "op", SCALES[type(op)]())
         case ast.AugAssign(op=op) if type(op) in SIGNS and not _is_joined(node):
-            yield "sign", _with(node, "op", SIGNS[type(op)]())
+            yield "sign", _with_field(node, "op", SIGNS[type(op)]())
         case ast.UnaryOp(op=ast.USub(), operand=operand):
             yield "sign", f"({ast.unparse(operand)})"
         case ast.UnaryOp(op=ast.Not(), operand=operand):
@@ -157,11 +157,11 @@ def _changes(node: ast.expr | ast.stmt) -> Iterator[tuple[str, str]]:
                 yield "constant", repr(value * 0.9)
         case ast.Compare(ops=[op, *rest]):
             for turned in TURNED[type(op)]:
-                yield "comparison", _with(node, "ops", [turned(), *rest])
+                yield "comparison", _with_field(node, "ops", [turned(), *rest])
         case ast.BoolOp(op=op):
             yield (
                 "comparison",
-                _with(node, "op", ast.Or() if isinstance(op, ast.And) else ast.And()),
+                _with_field(node, "op", ast.Or() if isinstance(op, ast.And) else ast.And()),
             )
         case ast.If(body=[*_, ast.Raise() | ast.Return() | ast.Continue() | ast.Break()]):
             yield "guard removed", "False"
@@ -180,7 +180,7 @@ def _is_joined(node: ast.BinOp | ast.AugAssign) -> bool:
     )
 
 
-def _with(node: ast.expr | ast.stmt, field: str, value: object) -> str:
+def _with_field(node: ast.expr | ast.stmt, field: str, value: object) -> str:
     changed = copy.copy(node)
     setattr(changed, field, value)
     text = ast.unparse(changed)
@@ -272,11 +272,11 @@ def draw(bodies: Sequence[Body], count: int, seed: int) -> list[Site]:
                 lines[body.file, target(point).lineno].append((body, i))
     rng = random.Random(seed)
     chosen = rng.sample(sorted(lines), min(count, len(lines)))
-    return [_site(number, *_kind(rng, lines[line])) for number, line in enumerate(chosen)]
+    return [_site(number, *_random_change(rng, lines[line])) for number, line in enumerate(chosen)]
 
 
-def _kind(rng: random.Random, on_line: Sequence[tuple[Body, int]]) -> tuple[Body, int]:
-    """A random change of a line; all kinds on it are equally likely."""
+def _random_change(rng: random.Random, on_line: Sequence[tuple[Body, int]]) -> tuple[Body, int]:
+    """A random change of a line; all kinds of change on it are equally likely."""
     kind = rng.choice(sorted({body.points[i].kind for body, i in on_line}))
     return rng.choice([(body, i) for body, i in on_line if body.points[i].kind == kind])
 
@@ -314,7 +314,7 @@ def find(bodies: Sequence[Body], site: Site) -> tuple[Body, Point, str] | None:
                 return best, point, found_by
     named = [body for body in bodies if body.name == site.function]
     near = [body for body in named if body.file == site.file] or named
-    renamed = [body for body in bodies if _last(body.name) == _last(site.function)]
+    renamed = [body for body in bodies if _last_name(body.name) == _last_name(site.function)]
     for found_by, candidates in (
         ("name", near),
         ("last name", renamed),
@@ -332,7 +332,7 @@ def find(bodies: Sequence[Body], site: Site) -> tuple[Body, Point, str] | None:
 def _best(candidates: list[Body], site: Site) -> Body | None:
     """The only candidate with the site's name or else its last name, or one of equal ones."""
     named = [body for body in candidates if body.name == site.function]
-    last = [body for body in candidates if _last(body.name) == _last(site.function)]
+    last = [body for body in candidates if _last_name(body.name) == _last_name(site.function)]
     for bodies in (named, last, candidates):
         near = [body for body in bodies if body.file == site.file] or bodies
         if len(near) == 1:
@@ -342,7 +342,7 @@ def _best(candidates: list[Body], site: Site) -> Body | None:
     return None
 
 
-def _last(name: str) -> str:
+def _last_name(name: str) -> str:
     return name.rpartition(".")[2].lstrip("_")
 
 

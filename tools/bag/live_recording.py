@@ -30,8 +30,8 @@ from palpate.tools.introspection.topics import STATUS_TOPICS, TapSubscription, T
 class LiveRecordingSettings:
     """Waits and the disk reserve of a recording from outside."""
 
-    retry_after: float = 2.0  # [s] without an answer, until a node is asked again
-    min_free_bytes: int = 64 << 20  # left on the disk, as by a recorder
+    retry_after: float = 2.0  # [s] after which a node that has not answered is asked again
+    min_free_bytes: int = 64 << 20  # [bytes] left free on the disk, as by a recorder
 
 
 DEFAULT_LIVE = LiveRecordingSettings()
@@ -50,7 +50,7 @@ class TopicOrder:
     """The messages of one topic, put into the order of their numbers."""
 
     next: int = 0  # number of the message that is written next
-    held: dict[int, tuple[Header, bytes]] = field(default_factory=dict)  # by number, from there on
+    held: dict[int, tuple[Header, bytes]] = field(default_factory=dict)  # by number, from `next` on
     whole: bool = False  # whether all earlier messages have come
     lost: int = 0  # messages that the node can no longer send
 
@@ -65,7 +65,7 @@ class TopicOrder:
             self.held[header.seq] = header, body
 
     def answered(self, number: int) -> None:
-        """Take note of an answer of `number` messages; a short answer is the last of a node."""
+        """Take note of an answer of `number` messages; with fewer than asked for it is the last."""
         self.whole = self.whole or number < PAST_BATCH
         if not number and self.held:
             self.lost += min(self.held) - self.next

@@ -33,7 +33,7 @@ from palpate.nodes import filter
 from palpate.nodes.specs.sensors import SensorSpec, build_pipeline, sensed_face
 
 ROBOT = "modern"  # preset of the robot's speeds
-MIN_COMPRESSION = filter.Params().contact  # of a taxel in contact [m], as of the filter
+MIN_COMPRESSION = filter.Params().contact  # of a taxel in contact [m], the same as in the filter
 CalibrationProgress = Callable[[str], None]
 
 
@@ -42,24 +42,24 @@ class PressSettings:
     """Presses from which a sensor is calibrated."""
 
     ball_radius: float = 0.03  # [m]
-    n_tilts: int = 7  # of the pad, about each axis
-    depths: tuple[float, ...] = (0.4, 0.7, 1.0)  # fractions of the depth of a touch
-    n_free_frames: int = 40  # without contact
-    start_height: float = 0.03  # [m] of the pad's middle over the surface
-    reach: float = 0.05  # [m] of the move from there
-    pause: float = 3.0  # [s] between presses, in which a pad stops creeping
+    n_tilts: int = 7  # angles of the pad about each axis: n_tilts^2 poses at each depth
+    depths: tuple[float, ...] = (0.4, 0.7, 1.0)  # [fraction of the depth of a usual touch]
+    n_free_frames: int = 40  # frames without contact, for the noise
+    start_height: float = 0.03  # [m] of the pad's middle over the surface before a press
+    reach: float = 0.05  # [m] longest move from there
+    pause: float = 3.0  # [s] before each press, in which a pad stops creeping
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CalibrationLimits:
     """When a calibration is doubted."""
 
-    max_lost_share: float = 0.35  # of the taxels, lost or not reached
+    max_lost_share: float = 0.35  # fraction of the taxels that could not be calibrated
     min_sound_speed: float = 100.0  # [m/s] of rubber
     max_sound_speed: float = 5000.0  # [m/s]
-    max_gain: float = 10.0
-    max_pose_error: float = 0.6e-3  # [m] of the arm
-    max_radius_error: float = 0.25  # fraction of the ball's radius
+    max_gain: float = 10.0  # of a taxel: factor of its compression; 1: ideal
+    max_pose_error: float = 0.6e-3  # [m] standard deviation of the arm along the pad's normal
+    max_radius_error: float = 0.25  # [fraction of the ball's radius] error of the measured one
 
 
 PRESSES, LIMITS = PressSettings(), CalibrationLimits()
@@ -171,7 +171,7 @@ class _Finger:
         read = sheet.decode(sheet.encode(touch.reading))
         known = _ideal_compression(shape, pad, touch.believed)
         if self._face.kind != "springs":
-            # The face bulges, so less of the shape touches it than would cut through it.
+            # The face bulges: fewer taxels touch the shape than the undeformed face would cut.
             subscriber = replace(self.pad, face=self._face)
             loaded = contact_mask(subscriber, read, MIN_COMPRESSION, self._pipeline.noise)
             known = np.where(loaded, known, 0.0)
@@ -296,7 +296,7 @@ def _radius(
 ) -> MeasuredRadius | None:
     """Radius of the ball from its presses; None if fewer than two are smooth.
 
-    `min_variance` [1/m2] of a curvature, which limits the weight of a press.
+    `min_variance` [1/m2] of a press's curvature: limits its weight, which is 1 / variance.
     """
     pad, estimate, up = calibrated.pad, calibrated.estimate, np.array([0.0, 1.0, 0.0])
     lost = ~estimate.trusted.reshape(pad.rows, pad.cols)

@@ -39,13 +39,13 @@ INK, DIM, FRAME, GRID = "#1f2328", "#59636e", "#8c959f", "#e6eaef"
 class FilmSettings:
     """Course of a film, and how much of a run its scene shows."""
 
-    ending: float = 0.2  # share of the film at its end, in which the solid turns, coloured
+    ending: float = 0.2  # fraction of the film, its last part, in which the coloured solid turns
     first_azimuth: float = -60.0  # [degrees] of the camera
     turn: float = 60.0  # [degrees] of the camera before the ending
     ending_turn: float = 150.0  # [degrees] of the camera during it
-    scene_share: float = 0.62  # of the width; figures stand at its right
+    scene_share: float = 0.62  # fraction of the width; the rest, at the right, has figures
     finger_lift: float = 0.012  # [m] off the surface, midway between two touches
-    n_recent: int = 400  # touched points that are drawn, the latest
+    n_recent: int = 400  # latest touched points, which are drawn
     min_font: int = 8  # [pixels]
 
 

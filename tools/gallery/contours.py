@@ -29,7 +29,7 @@ class MatchLayout:
 
     n_slices: int = 9  # matched by height
     object_offset: float = 2.6  # [half height of the object] from the model
-    contour: int = 12  # index, among those of the first example, of the one matched by azimuth
+    contour: int = 12  # index of the first example's contour that is matched by azimuth
     n_rays: int = 24
     n_curve_rays: int = 400  # that a drawn outline is sampled with
 

@@ -36,10 +36,10 @@ class LatticeSettings:
     """
 
     n_control: tuple[int, int, int] = (5, 5, 13)  # points along x, y and z
-    n_tapered: int = 4  # layers at the bottom, which are drawn out and made narrow
-    bottom_scale: float = 0.35  # width of the lowest layer, times that before
-    layer_drop: float = 0.14  # by which a tapered layer sinks below the one above it
-    layer_shift: float = 0.3  # of each other layer, along x and against it in turn
+    n_tapered: int = 4  # lowest layers, which are narrowed and pulled downwards
+    bottom_scale: float = 0.35  # width of the lowest layer / its width before; 1: no taper
+    layer_drop: float = 0.14  # added to the gap between a tapered layer and the one above it
+    layer_shift: float = 0.3  # of the layers above, alternately against x and along it
     n_rows: int = 121  # points of the ellipsoid's mesh from pole to pole
     n_columns: int = 96  # points around
     line_stride: int = 6  # rows and columns from one drawn line to the next

@@ -94,7 +94,7 @@ def _powered(values: Floats, exponent: float) -> Floats:
 
 
 def solid_mesh(shape: Superquadric, layout: SuperquadricLayout = DEFAULT_LAYOUT) -> Mesh:
-    """A mesh whose lines crowd where the surface bends, as those of (2.1) do."""
+    """A mesh whose lines are denser where the surface bends, as the lines of (2.1) are."""
     return style.grid_mesh(_grid(shape, layout.n_rows, layout.n_columns, regular=False))
 
 

@@ -87,7 +87,7 @@ def draw_de_casteljau(parameter: float = 1.0 / 3.0) -> Figure:
 
 
 def _divided(points: Floats, t: Floats | float) -> list[Floats]:
-    """The polygon, and those of the points that divide the sides of the one before at t."""
+    """Polygons: the given one, then each with corners that divide the sides of the last at t."""
     levels = [points]
     while len(levels[-1]) > 1:
         levels.append((1.0 - t) * levels[-1][:-1] + t * levels[-1][1:])

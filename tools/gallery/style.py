@@ -33,7 +33,7 @@ class FigureLayout:
 
     width: float = 7.0  # [inch]
     dpi: int = 100  # pixels an inch in a file
-    margin: float = 1.08  # extent of a panel, times that of the points that it has to show
+    margin: float = 1.08  # extent of a panel / extent of the points that it has to show
     opening: float = 10.0  # [degrees] of cameras: nearly parallel rays
 
 

@@ -31,12 +31,12 @@ class FilterSettings:
     """Noise that is added to a frame, and the relief that it is drawn as."""
 
     noise: float = 40e-6  # [m] standard deviation of a taxel
-    impulse_share: float = 0.05  # of the taxels: half of these read 0, the others `impulse`
-    impulse: float = 2.4e-3  # [m]
+    impulse_share: float = 0.05  # fraction of taxels: half of these read 0, the others `impulse`
+    impulse: float = 2.4e-3  # [m] compression
     min_compression: float = 200e-6  # [m] of a taxel in contact
     seed: int = 0
     max_compression: float = 1.6e-3  # [m] at which the colours end
-    height_scale: float = 3.0  # drawn height, times the compression
+    height_scale: float = 3.0  # drawn height / compression
     n_fine: int = 91  # points along a side of an interpolating surface
     n_lines: int = 15  # steps between drawn lines along a side of it
 
@@ -46,10 +46,10 @@ class StepLayout:
     """Domain on which the step between contours is drawn."""
 
     n_segments: int = 5  # of the polylines, as in the thesis
-    max_argument: float = 12.0  # of a component: a rate times a curvature
-    polyline_reach: float = 40.0  # argument up to which `Thesis` lays its polylines
-    max_bend: float = 25.0  # mean curvature times the height
-    max_change: float = 12.5  # change of the mean curvature, times the height
+    max_argument: float = 12.0  # largest drawn argument: rate times curvature times height
+    polyline_reach: float = 40.0  # largest argument that the polylines of `Thesis` cover
+    max_bend: float = 25.0  # largest drawn mean curvature times the height
+    max_change: float = 12.5  # largest drawn change of the mean curvature, times the height
 
 
 FILTERS, STEP = FilterSettings(), StepLayout()

@@ -57,9 +57,9 @@ class TextStyle(NamedTuple):
     arrays: bool = True  # whether elements of arrays are shown
     full: bool = False  # whether long arrays are shown whole
     flow: bool = False  # whether each field is on one line
-    max_items: int = 16  # elements of a sequence that is not shortened
-    n_shown: int = 3  # elements of a shortened sequence
-    indent: int = 4  # of the further lines of a sequence
+    max_items: int = 16  # longest sequence that is shown whole; longer ones are shortened
+    n_shown: int = 3  # elements that are shown of a shortened sequence
+    indent: int = 4  # [letters] of the second and later lines of a sequence
 
 
 _WHOLE = TextStyle(full=True)
@@ -338,9 +338,9 @@ def _filter_of(source: str, node: ast.expr, cls: type) -> MessageFilter:
             joined = all if isinstance(op, ast.And) else any
             return lambda fields: joined(part(fields) for part in parts)
         case ast.Compare(left=left, ops=[op], comparators=[right]) if type(op) in _OPERATORS:
-            path = read_path(_written(source, left), cls)
+            path = read_path(_source_text(source, left), cls)
             return _comparison(path, _OPERATORS[type(op)], _constant(source, right))
-    raise ValueError(f"--filter: {_written(source, node)!r:.60} is no comparison; {_SHAPE}")
+    raise ValueError(f"--filter: {_source_text(source, node)!r:.60} is no comparison; {_SHAPE}")
 
 
 def _constant(source: str, node: ast.expr) -> Any:
@@ -350,11 +350,11 @@ def _constant(source: str, node: ast.expr) -> Any:
         value = ast.literal_eval(node)
         if value is None or isinstance(value, int | float | str):
             return value
-    got = _written(source, node)
+    got = _source_text(source, node)
     raise ValueError(f"--filter: expected a number, 'text', true, false or null; got {got!r:.60}")
 
 
-def _written(source: str, node: ast.expr) -> str:
+def _source_text(source: str, node: ast.expr) -> str:
     return ast.get_source_segment(source, node) or ""
 
 
@@ -397,7 +397,7 @@ def _check_steps(path: FieldPath, rule: dict[str, Any]) -> None:
         elif shape:
             length = shape.pop(0)
             if length is not None and step >= length:
-                raise ValueError(_beyond(before, length, path.text))
+                raise ValueError(_out_of_range(before, length, path.text))
         elif rule.get("type") == "array":
             rule = rule["items"]
         else:
@@ -411,7 +411,7 @@ def _held(rule: dict[str, Any], shape: list[int | None]) -> str:
     return "a table, by its names" if rule.get("type") == "object" else "one value"
 
 
-def _beyond(name: str, length: int, text: str) -> str:
+def _out_of_range(name: str, length: int, text: str) -> str:
     last = f"from {name}[0] to {name}[{length - 1}]" if length else "none"
     return f"{text!r:.60}: {name} has {length} elements, {last}"
 
@@ -459,6 +459,6 @@ class FieldPath(NamedTuple):
             if isinstance(step, str) and step not in value:
                 raise LookupError(f"{before} has no {step!r}; {hint(step, value)}")
             if isinstance(step, int) and step >= len(value):
-                raise LookupError(_beyond(before, len(value), self.text))
+                raise LookupError(_out_of_range(before, len(value), self.text))
             value = value[step]
         return value.item() if isinstance(value, np.generic) else value

@@ -42,9 +42,9 @@ PLAYER_MODULE = "palpate.nodes.player"
 class RequestTimeouts:
     """Waits for answers of a running graph [s]."""
 
-    answer: float = 5.0  # of the launcher; without one it is busy or stopped
-    retry: float = 0.02  # before the launcher is asked again for a node that is starting
-    status: float = 1.5  # for two statuses of a node; without them it works, hangs or is stopped
+    answer: float = 5.0  # longest wait for the launcher; without an answer it is busy or stopped
+    retry: float = 0.02  # before the launcher is asked again about a node that is starting
+    status: float = 1.5  # longest wait for two statuses of a node; without: busy, hung or stopped
 
 
 TIMEOUTS = RequestTimeouts()

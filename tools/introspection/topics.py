@@ -38,10 +38,10 @@ Integers = NDArray[np.int64]
 class TapSettings:
     """How a tool receives copies of the messages of a graph."""
 
-    queue_length: int = 1000  # copies of a node that wait for the tool
-    batch: int = 256  # copies that are taken from a node before the next node
+    queue_length: int = 1000  # copies from one node that wait for the tool; beyond it they are lost
+    batch: int = 256  # most copies taken from a node before the next node's turn
     tick: float = 0.1  # [s] between two batches
-    alive_interval: float = 0.5  # [s] between two looks whether the graph still runs
+    alive_interval: float = 0.5  # [s] between two checks whether the graph still runs
 
 
 TAPS = TapSettings()
@@ -285,8 +285,8 @@ class Statistics(NamedTuple):
     """Statistics of at least one value."""
 
     mean: float
-    least: float
-    most: float
+    least: float  # minimum
+    most: float  # maximum
     deviation: float  # standard deviation
 
     @classmethod

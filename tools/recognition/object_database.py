@@ -33,7 +33,7 @@ Values = str  # numbers separated by blanks: one value for YAML, which takes 30 
 class LearningSettings:
     """Copies of an object from which the distribution of its features is learned."""
 
-    levels: tuple[int, ...] = (4, 5)  # of the meshes of copies, in turns
+    levels: tuple[int, ...] = (4, 5)  # of subdivision of the meshes of copies, in turns
     n_copies: int = 12  # of each object
 
 
@@ -108,18 +108,18 @@ def _with_mesh(described: SourceMapped, path: Path, name: str) -> SourceMapped:
 class LearnedObject(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Distribution of the features of an object."""
 
-    means: Values
-    deviations: Values
-    slopes: Values
+    means: Values  # of the features over copies
+    deviations: Values  # standard deviations of the features over copies
+    slopes: Values  # derivatives of the features by an offset of the surface [1/m]
 
 
 class LearnedFile(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Learned models of all objects of a file."""
 
     fingerprint: str  # of the objects
-    scale: Annotated[float, Meta(gt=0)]
-    freedom: Annotated[float, Meta(gt=0)]
-    correlation: tuple[Values, ...]  # rows of the lower triangle
+    scale: Annotated[float, Meta(gt=0)]  # of a squared distance, in units of chi-square
+    freedom: Annotated[float, Meta(gt=0)]  # degrees of freedom of that chi-square
+    correlation: tuple[Values, ...]  # of the features: rows of the lower triangle
     objects: dict[str, LearnedObject]
 
 

@@ -43,8 +43,8 @@ class Shortage(NamedTuple):
     topic: str
     publisher: str
     subscribers: tuple[str, ...]
-    fewer: int
-    more: int
+    fewer: int  # recorded messages that were not published again
+    more: int  # published messages beyond the recorded ones
 
 
 @dataclass(slots=True)
@@ -52,10 +52,10 @@ class _Link:
     """A topic that a replayed node publishes and replayed nodes receive."""
 
     publisher: str
-    # Messages published before their turn, numbered in the order of publishing.
+    # Messages published before the recorded ones that they replace; numbered over all topics.
     waiting: deque[tuple[int, Outgoing]] = field(default_factory=deque)
-    owed: int = 0  # turns that came before their messages were published
-    received: int = 0
+    owed: int = 0  # recorded messages whose replacements are not published yet
+    received: int = 0  # messages that subscribers have received
     more: int = 0  # messages received after all recorded ones
 
 

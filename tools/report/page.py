@@ -55,7 +55,7 @@ class PageLayout:
     still_width: int = 720  # [pixels]
     still_height: int = 520  # [pixels]
     bar_width: float = 90.0  # [pixels] of the longest bar of a table
-    max_places: int = 24  # of one kind that have a button
+    max_places: int = 24  # of one kind that have a button; the rest is counted
 
 
 LAYOUT = PageLayout()

@@ -42,9 +42,9 @@ class EffectTiming:
     """Touches of a run that are simulated again to time its effects."""
 
     max_touches: int = 48  # spread evenly over the run
-    retraction: float = 5e-3  # [m] of the start of a touch from its pose
-    reach: float = 10e-3  # [m] of the move from there
-    depth: float = 0.5e-3  # [m] of the pad into the surface
+    retraction: float = 5e-3  # [m] by which a simulated touch starts before the recorded pose
+    reach: float = 10e-3  # [m] longest move from there
+    depth: float = 0.5e-3  # [m] that the pad moves on after contact
 
 
 DEFAULT_TIMING = EffectTiming()
@@ -139,7 +139,7 @@ def places_of(
 ) -> Iterator[Place]:
     """Places with gaps in contours, with poor fits, and without touches.
 
-    `min_residual_ratio`: residual of a touch over the median, from which on it fits badly.
+    `min_residual_ratio`: a touch fits badly if its residual / the median residual is larger.
     """
     yield from _gaps(line)
     yield from _dropped(line)

@@ -47,9 +47,9 @@ KINDS = {np.dtype(kind): kind.strip("<") for kind in ("u1", "<u2", "<u4", "<f4")
 class ViewLimits:
     """How much of a run a page holds."""
 
-    max_models: int = 14  # spread evenly over all
-    max_faces: int = 80_000  # of these models together, about
-    min_models: int = 3  # however many faces they have
+    max_models: int = 14  # spread evenly over all models of the run
+    max_faces: int = 80_000  # triangles of these models together, about
+    min_models: int = 3  # also if they have more triangles
     compression_level: int = 6  # of gzip; 9 takes three times as long and saves 1 %
 
 

@@ -58,7 +58,7 @@ SIZES = {"narrow": (358.0, 330.0), "wide": (670.0, 430.0)}  # width and height [
 class FrontLayout:
     """Distances in a drawing of a front [pixels]."""
 
-    number_gap: float = 16.0  # between the numbers of two runs
+    number_gap: float = 16.0  # smallest between the numbers of two runs
     legend_width: float = 150.0  # of an entry
 
 
@@ -94,8 +94,8 @@ def pareto_front(cost: ArrayLike, error: ArrayLike) -> Bools:
     if points.dtype.kind not in "iuf" or not np.isfinite(points).all():
         raise ValueError("costs and errors must be finite numbers")
     unique, inverse = np.unique(points, axis=0, return_inverse=True)
-    least = np.concatenate(([np.inf], np.minimum.accumulate(unique[:, 1])))[:-1]
-    return np.asarray((unique[:, 1] < least)[inverse.reshape(-1)])
+    cheaper_min = np.concatenate(([np.inf], np.minimum.accumulate(unique[:, 1])))[:-1]
+    return np.asarray((unique[:, 1] < cheaper_min)[inverse.reshape(-1)])
 
 
 def measured(rows: Iterable[Row], cost: str) -> list[Row]:

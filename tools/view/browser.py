@@ -41,19 +41,19 @@ class SceneSettings:
     With more triangles, drawing in software is slower than 5 frames a second.
     """
 
-    max_triangles: int = 20_000  # of a surface
+    max_triangles: int = 20_000  # of a surface; a finer one is thinned
     max_solids: int = 48  # kept in the browser
-    chunk_touches: int = 32  # whose points are one node
-    taxel_stride: int = 2  # from one drawn point of a chunk to the next
+    chunk_touches: int = 32  # touches whose points are one node
+    taxel_stride: int = 2  # only each `taxel_stride`-th point of a touch is drawn
     line_width: float = 4.0  # [pixels]
     thin_width: float = 2.0  # [pixels] of a growing contour and of the lattice
     axis_length: float = 0.03  # [m] of the line behind a pad
     floor_size: float = 0.4  # [m] side of the floor
     floor_cell: float = 0.01  # [m] side of its cells
-    opening: float = 0.6  # [rad] of the camera, over the whole height
+    opening: float = 0.6  # [rad] vertical opening angle of the camera
     near: float = 0.002  # [m] from the camera, below which nothing is drawn
-    max_narrow_aspect: float = 0.7  # width over height of a window whose panel covers its bottom
-    panel_share: float = 0.3  # of the height of such a window, that the panel covers
+    max_narrow_aspect: float = 0.7  # width / height of a window whose panel covers its bottom
+    panel_share: float = 0.3  # fraction of the height of such a window that the panel covers
 
 
 DEFAULT_SCENE = SceneSettings()

@@ -18,8 +18,8 @@ class FixedLight:
     """A light that does not move with the camera."""
 
     towards: tuple[float, float, float] = (-0.4, -0.5, 1.0)  # world frame
-    ambient: float = 0.7  # brightness across to the light
-    diffuse: float = 0.3  # added where a surface faces the light, and less where it faces away
+    ambient: float = 0.7  # brightness of a surface parallel to the light's direction
+    diffuse: float = 0.3  # added where a surface faces the light, subtracted where it faces away
 
     def direction(self) -> Floats:
         """Unit vector (3,) towards the light."""

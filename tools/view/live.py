@@ -39,10 +39,10 @@ Echo = Callable[[str], None]
 class LiveSettings:
     """How a view is served, and how often it is updated."""
 
-    n_ports: int = 20  # tried, from the requested one on
+    n_ports: int = 20  # ports that are tried, from the requested one on
     tick: float = 0.05  # [s] between two updates
-    niceness: int = 10  # of a view beside a run, which has priority
-    poll_interval: float = 0.25  # [s] between two looks for a graph that is about to start
+    niceness: int = 10  # added to that of a view beside a run, so that the run has priority
+    poll_interval: float = 0.25  # [s] between two checks for a graph that is about to start
 
 
 DEFAULT_LIVE = LiveSettings()

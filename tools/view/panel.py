@@ -194,7 +194,7 @@ class Panel:
 def _split(times: Floats, curves: Series, passed: float, n: int, hidden: float = np.nan) -> Series:
     """Times, and each curve, whole and only its past, thinned to about `n` points.
 
-    `hidden` stands for the future; a logarithmic scale draws NaN as zero, but leaves out infinity.
+    `hidden` replaces future values; a logarithmic scale draws NaN as 0, but leaves out infinity.
     """
     stride = max(1, len(times) // n)
     past = times[::stride] <= passed

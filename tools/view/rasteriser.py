@@ -26,14 +26,14 @@ Wholes = NDArray[np.int32 | np.int64]
 class RasterSettings:
     """Resolution, light and order in depth of a drawn picture."""
 
-    supersampling: int = 2  # drawn pixels per pixel of the image, along each side
-    batch_pixels: int = 1 << 21  # tested at once
+    supersampling: int = 2  # drawn pixels per pixel of the image, along each side; larger: smoother
+    batch_pixels: int = 1 << 21  # tested at once; more take more memory
     ambient: float = 0.42  # brightness of a lit surface that faces away from the light
     diffuse: float = 0.58  # added where it faces the light
     light: tuple[float, float, float] = (-0.35, 0.55, 0.76)  # towards it: right, up, to the eye
-    min_smooth_cosine: float = 0.75  # between the normals at a corner and of its face, to be smooth
-    depth_bias: float = 2e-3  # of the distance, by which lines and points come before a surface
-    min_depth: float = 1e-4  # [m] from the eye
+    min_smooth_cosine: float = 0.75  # of corner and face normal; below it an edge stays sharp
+    depth_bias: float = 2e-3  # fraction of the distance by which points and lines are drawn nearer
+    min_depth: float = 1e-4  # [m] from the eye, below which nothing is drawn
     dot_spacing: float = 0.7  # [pixels] between the dots of a line
 
 
@@ -47,7 +47,7 @@ class Camera(NamedTuple):
     distance: float  # [m] of the eye from it
     azimuth: float = -50.0  # [degrees] of the eye, from x to y
     elevation: float = 18.0  # [degrees] of the eye over the horizon
-    opening: float = 28.0  # [degrees] of the whole height
+    opening: float = 28.0  # [degrees] vertical opening angle
 
     def axes(self) -> Floats:
         """Unit vectors to the right, up and to the eye, as rows (3, 3)."""
@@ -191,7 +191,7 @@ class Canvas:
         return np.flatnonzero(depths == self._depths[pixels])
 
     def draw_points(self, points: Reals, colours: Reals, radius: float) -> None:
-        """Draw discs at points (n, 3), `colours` as of a mesh, `radius` in pixels of the image."""
+        """Draw discs at points (n, 3), `colours` (n, 3) or (3,), `radius` [pixels of the image]."""
         colours = np.broadcast_to(np.asarray(colours, np.float32), points.shape)
         reach = self.settings.supersampling * radius
         steps = np.arange(-np.ceil(reach), np.ceil(reach) + 1)

@@ -301,7 +301,7 @@ def read_timeline(run: Path) -> Timeline:
 
 
 def curve_of(line: Timeline) -> tuple[Ints, Floats, Floats, Floats]:
-    """Number, robot time [s], true rms error [m] and stated bound [m] of each model with a score.
+    """Number, robot time [s], rms error [m] and bound [m] of each model with either of the two.
 
     NaN where an error or a bound is unknown.
     """
