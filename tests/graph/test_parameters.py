@@ -30,7 +30,7 @@ ESTIMATE = (
 )
 REFUSED = (
     ("axis", "true", r"planner\.axis cannot be set while it runs"),
-    ("tolerance", "0.1um", r"planner: tolerance is 1e-07 m; it must be at least what"),
+    ("tolerance", "0.1um", r"planner: tolerance is 1e-07 m; it must be at least the resolution"),
     ("tolerance", "0.1s", r"tolerance 0\.1s: the unit 's' is none of m, cm, mm, um"),
     ("tolerance", "2", r"tolerance cannot be 2: .*<= 1\.0"),
     ("most_seconds", "10ms", r"the unit 'ms' is none of s, min, h"),

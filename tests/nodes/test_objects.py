@@ -245,7 +245,7 @@ def swept(sweep: Any = SWEEP, **section: Any) -> dict[str, Any]:
     (swept([[0, -1], [1, 1]], **SECTION), ">= 0"),
     (
         {"polyhedron": {**TETRAHEDRON, "faces": [[0, 1, 2], *TETRAHEDRON["faces"][1:]]}},
-        "both walk the edge",
+        "both pass the edge",
     ),
     ({"boolean": {"union": [BALL]}}, "length >= 2"),
     ({"boolean": {}}, "a part of a boolean is exactly one of .* got none of them"),
