@@ -33,7 +33,7 @@ Outcome = Literal["hit", "miss", "inside", "bottomed"]
 
 
 def no_move() -> Floats:
-    """The move of a frame that no arm made."""
+    """The move of a frame without a robot arm, as of a driver."""
     return np.array([0.0, 0.0, 0.0, 0.0, -1.0])
 
 
@@ -68,7 +68,7 @@ class TactileFrame(TouchHeader):
     # Times of flight or forces, as the SensorInfo says. Row i lies at y = (i - (rows - 1) / 2) *
     # pitch
     array: SignalImage
-    move: MoveParts = field(default_factory=no_move)  # Parts of its robot time
+    move: MoveParts = field(default_factory=no_move)  # Parts of the move before it
 
 
 @readable

@@ -79,7 +79,7 @@ class SpaceMap:
 class SensorInfo:
     """The fingertip's array, pad and calibration. Latched on ``/touch/info``.
 
-    To a tactile frame what CameraInfo is to an image.
+    It describes tactile frames, as CameraInfo of ROS describes images.
     """
 
     rows: Count  # Rows of taxels

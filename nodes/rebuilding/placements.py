@@ -73,7 +73,7 @@ def located(state: State, goal: Goal, solid: GeneralSolid, known: Placements) ->
         contacts, who = stack_points(closings), "touches" if asked is None else "contacts"
         placement = _place(solid, contacts, asked, state.platform)
         if placement is None:
-            lost = (f"its {len(contacts.points)} {who} fit the solid nowhere",)
+            lost = (f"its {len(contacts.points)} {who} fit the solid in no pose",)
             break
         faults += _sentences(placement, asked, who)
         poses.append(placement.pose)
@@ -109,10 +109,10 @@ def _sentences(placement: Placement, asked: Pose | None, who: str) -> list[str]:
     if asked is not None:
         lean = float(np.arccos(np.clip(placement.pose.axes[2] @ asked.axes[2], -1.0, 1.0)))
     if lean > LOCATING.otherwise:
-        sentences.append(f"it lies {math.degrees(lean):.0f} degrees otherwise than asked")
+        sentences.append(f"it leans {math.degrees(lean):.0f} degrees from the requested pose")
     if placement.alternatives:
         sentences.append(
-            f"its {who} fit {len(placement.alternatives) + 1} ways to lie: it looks alike"
+            f"its {who} fit {len(placement.alternatives) + 1} poses: which is true is unknown"
         )
     return sentences
 

@@ -153,8 +153,8 @@ def lacks(volume: MeshVolume, touched: ContactPoints, bound: float) -> tuple[str
     if missing <= bound:
         return ()
     return (
-        f"touches show that it lacks surface of {1e3 * missing:.3g} mm rms, and the error bound is "
-        f"{1e3 * bound:.3g} mm",
+        f"touches show that missing parts cause an error of {1e3 * missing:.3g} mm rms, and the "
+        f"error bound is {1e3 * bound:.3g} mm",
     )
 
 
@@ -174,6 +174,6 @@ def departure(
     if rms <= bound:
         return ()
     return (
-        f"it lies {1e3 * rms:.3g} mm rms from the last model on the way, "
-        f"whose error bound is {1e3 * bound:.3g} mm",
+        f"its rms distance from the last draft is {1e3 * rms:.3g} mm, "
+        f"and the error bound of that is {1e3 * bound:.3g} mm",
     )
