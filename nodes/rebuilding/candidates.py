@@ -42,15 +42,15 @@ NO_ARCHIVE = np.zeros(0, np.uint8)
 class CandidateSettings:
     """Which solid is published, and how finely it is meshed."""
 
-    confidence_sigmas: float = (
-        1.64  # [standard errors] a general solid is chosen if its mean gain exceeds this
-    )
-    max_error_ratio: float = 0.5  # of a general solid's rms error to that of the slices
-    coarse_tolerance: float = 5e-4  # [fraction of the size] of the first mesh, whose faces count
+    # Mean gain in squared error beyond which a general solid is chosen over slices, if it also
+    # meets `max_error_ratio`; larger values favour slices [standard errors of the mean gain].
+    confidence_sigmas: float = 1.64
+    max_error_ratio: float = 0.5  # rms prediction error of a chosen general solid over slices
+    coarse_tolerance: float = 5e-4  # of a first mesh, which sets the final one [fraction of size]
     max_parts: int = 4  # pieces along each edge of a general solid's cell; more are not visible
-    hollow_depth: float = (
-        0.4e-3  # [m] a place without contact deeper inside the solid than this is an opening
-    )
+    # Depth inside the solid beyond which a place without contact is an opening [m]; larger values
+    # report fewer openings.
+    hollow_depth: float = 0.4e-3
 
 
 CANDIDATES = CandidateSettings()

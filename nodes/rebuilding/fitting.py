@@ -210,39 +210,39 @@ def _fitted(state: State, poses: tuple[Pose, ...], goal: Goal, step: Steps) -> C
     if state.method == "thesis":
         return _by_thesis(state, goal, stack_points(touched), step)
     methods: tuple[Method, ...] = ("lattice", "draft") if is_final(goal) else ("draft",)
-    alone = _sliced(state, goal, stack_points(touched), methods, step)
-    if alone.sliced is not None and not goal.failed:
-        return alone
+    by_slices = _sliced(state, goal, stack_points(touched), methods, step)
+    if by_slices.sliced is not None and not goal.failed:
+        return by_slices
     # If the first slice met nothing, a solid of the hand's contacts shows where to touch.
     if not touched and not (goal.failed and closings_in(state, goal, 0)):
-        return alone
+        return by_slices
     general = _general(state, poses, goal, step)
     if general is None:
-        return replace(alone, why="all touches lie in one plane")
+        return replace(by_slices, why="all touches lie in one plane")
     if not is_final(goal):  # it is not checked: the planner touches it where it may be wrong
-        return replace(alone, general=general)
+        return replace(by_slices, general=general)
     space = None if state.space is None else known_space(seen, goal)
-    faults = faults_of(MeshVolume(general.solid.rough_mesh), None, alone.touched, space)
+    faults = faults_of(MeshVolume(general.solid.rough_mesh), None, by_slices.touched, space)
     if faults:
         reasons = tuple(f"the general solid: {fault}" for fault in faults)
-        return replace(alone, rejected=(*alone.rejected, *reasons))
-    return replace(alone, general=general)
+        return replace(by_slices, rejected=(*by_slices.rejected, *reasons))
+    return replace(by_slices, general=general)
 
 
 def _sliced(
     state: State, goal: Goal, touched: ContactPoints, methods: Sequence[Method], step: Steps
 ) -> Candidates:
     """The solid in slices by the first of the methods whose solid passes all checks."""
-    alone = Candidates(None, None, touched)
+    failed = Candidates(None, None, touched)
     if not goal.contours or goal.general:
-        return alone
+        return failed
     space = None if state.space is None else known_space(state, goal)
     for method in methods:
         try:
             solid = _rebuild(state, goal, method, step)
         except ValueError as error:  # the contours make no solid: a result, not a fault
-            return replace(alone, why=str(error))
-        sliced_only = replace(alone, sliced=solid, why="")
+            return replace(failed, why=str(error))
+        sliced_only = replace(failed, sliced=solid, why="")
         with step("bound"):
             deviation = solid.whole_deviation()
         settings = SoundnessSettings() if method == "lattice" else DRAFT
@@ -253,20 +253,20 @@ def _sliced(
         if not faults:
             return sliced_only
         reasons = tuple(f"the {method} of its slices: {fault}" for fault in faults)
-        alone = replace(alone, why="; ".join(faults), rejected=(*alone.rejected, *reasons))
-    return alone
+        failed = replace(failed, why="; ".join(faults), rejected=(*failed.rejected, *reasons))
+    return failed
 
 
 def _by_thesis(state: State, goal: Goal, touched: ContactPoints, step: Steps) -> Candidates:
     """The thesis's solid of the contours, not checked against touches."""
-    alone = Candidates(None, None, touched, method="thesis")
+    failed = Candidates(None, None, touched, method="thesis")
     if not goal.contours:
-        return alone
+        return failed
     try:
-        return replace(alone, sliced=_rebuild(state, goal, "thesis", step))
+        return replace(failed, sliced=_rebuild(state, goal, "thesis", step))
     except ValueError as error:
         # A few contours make no solid yet; that is reported only for the final model.
-        return replace(alone, why=str(error)) if is_final(goal) else alone
+        return replace(failed, why=str(error)) if is_final(goal) else failed
 
 
 def _swept_between(state: State, goal: Goal, space: SpaceMap) -> Floats:

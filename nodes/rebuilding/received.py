@@ -139,14 +139,14 @@ def known_space(state: State, goal: Goal) -> SpaceMap:
     none = np.zeros(0, np.int64)
     ids = (*touched_goals(goal), *goal.missed)
     free = [voxels for id_ in ids for voxels in state.swept.get(id_, ())]
-    points = [one.points for one in touched_points(state, goal)]
+    points = [contacts.points for contacts in touched_points(state, goal)]
     touched = state.space.numbers(np.concatenate([np.zeros((0, 3)), *points]))
     return state.space.marked(np.concatenate([none, *free]), touched)
 
 
 def untouched_by(state: State, goal: Goal) -> UntouchedPlaces:
     """The places at which pads touched nothing in the touches of a set [m]."""
-    touches = [one for id_ in touched_goals(goal) for one in state.untouched.get(id_, ())]
+    touches = [item for id_ in touched_goals(goal) for item in state.untouched.get(id_, ())]
     nowhere = np.zeros((0, 3))
     none = UntouchedPlaces(nowhere, nowhere, np.zeros(0), nowhere)
     return UntouchedPlaces(*map(np.concatenate, zip(none, *touches, strict=True)))
@@ -168,7 +168,7 @@ def far_from_touch(state: State, goal: Goal) -> UntouchedPlaces:
     untouched = untouched_by(state, goal)
     if not len(untouched.openings) + len(untouched.hanging):
         return untouched
-    contacts = stack_points([one for one in touched_points(state, goal) if len(one.points)])
+    contacts = stack_points([part for part in touched_points(state, goal) if len(part.points)])
     openings = untouched.openings[touch_distances(contacts, untouched.openings) > OPENINGS.between]
     hanging = untouched.hanging[touch_distances(contacts, untouched.hanging) > OPENINGS.beside]
     return untouched._replace(openings=openings, hanging=hanging)
@@ -176,17 +176,17 @@ def far_from_touch(state: State, goal: Goal) -> UntouchedPlaces:
 
 def touched_points(state: State, goal: Goal) -> list[ContactPoints]:
     """Contacts of each touch of a set; they may be empty."""
-    return [one for id_ in touched_goals(goal) for one in touches_of(state, id_)]
+    return [contacts for id_ in touched_goals(goal) for contacts in touches_of(state, id_)]
 
 
 def touches_of(state: State, id_: int) -> list[ContactPoints]:
     """Contacts of each touch of a goal, in order; they may be empty."""
-    return [one for _, one in sorted(state.touches.get(id_, {}).items())]
+    return [contacts for _, contacts in sorted(state.touches.get(id_, {}).items())]
 
 
 def touched_since(state: State, before: Goal, goal: Goal) -> list[ContactPoints]:
     """Contacts of each touch of `goal` that is not of `before`."""
-    return [one for one, _ in touches_since(state, set(touched_goals(before)), goal)]
+    return [contacts for contacts, _ in touches_since(state, set(touched_goals(before)), goal)]
 
 
 def touches_since(
@@ -194,11 +194,11 @@ def touches_since(
 ) -> list[tuple[ContactPoints, int]]:
     """Contacts and placement of each touch with contact, without those of `known` goals."""
     return [
-        (one, state.placements.get(id_, 0))
+        (contacts, state.placements.get(id_, 0))
         for id_ in touched_goals(goal)
         if id_ not in known
-        for one in touches_of(state, id_)
-        if len(one.points)
+        for contacts in touches_of(state, id_)
+        if len(contacts.points)
     ]
 
 
@@ -215,7 +215,7 @@ def closings_in(state: State, goal: Goal, placement: int) -> list[ContactPoints]
 def touches_in(state: State, goal: Goal, placement: int) -> list[ContactPoints]:
     """One contact of each touch of a set in a placement, in world coordinates at that time."""
     ids = [id_ for id_ in touched_goals(goal) if state.placements.get(id_, 0) == placement]
-    return [_middle(one) for id_ in ids for one in touches_of(state, id_) if len(one.points)]
+    return [_middle(part) for id_ in ids for part in touches_of(state, id_) if len(part.points)]
 
 
 def _middle(touched: ContactPoints) -> ContactPoints:
