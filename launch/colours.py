@@ -1,6 +1,6 @@
 """The colour of each quantity, the same in every picture, page, film, view and plot.
 
-The colours were found by a search for the largest least difference between any two of them, in CIE
+A search found the colours that maximise the smallest difference between any two of them, in CIE
 1976 L*a*b*, as people with normal sight, protanopia, deuteranopia and tritanopia see them (Machado,
 Oliveira and Fernandes, 2009). Values on a surface have a scale instead: `palpate.tools.surfaces`.
 """
@@ -16,7 +16,7 @@ COLOURS = {
     "finger": "#1bb867",  # the finger, its pad, its path, and the space that it swept
     "bound": "#e95a00",  # the stated error bound
     "error": "#1f2328",  # the true error
-    "tolerance": "#b703a4",  # the error that was asked for
+    "tolerance": "#b703a4",  # the requested error
 }
 ERROR_ON_DARK = "#e6edf3"  # the true error is drawn in the ink of its page
 

@@ -28,7 +28,7 @@ class CostChartSettings:
     figure_size: tuple[float, float] = (980.0, 790.0)  # width and height of all charts [pixel]
     panel_size: tuple[float, float] = (320.0, 330.0)  # of a single chart of a page [pixel]
     legend_entry_width: float = 180.0  # [pixel]
-    max_bars: int = 14  # of a bar chart; the shortest ones beyond are added up in the last bar
+    max_bars: int = 14  # of a bar chart; the last one is the sum of all shorter times
 
 
 def cost_svg(summary: Mapping[str, Any]) -> str:

@@ -3,7 +3,7 @@
 The cost of slices depends on tolerance over height, as in the shipped scenes; a wider object has
 longer contours. The cost of single touches depends on the area, as in scans. Before the grasp, in a
 simulation, the area follows from the object's box; after it, from the coarse model. Neither shows
-hollows and thin walls: such an object takes many times more.
+hollows and thin walls: such an object takes many times as many touches.
 """
 
 from __future__ import annotations
@@ -45,18 +45,18 @@ QUALITY_COST_RATIOS: Mapping[str, float] = {"draft": 0.85, "normal": 1.0, "fine"
 class ForecastSettings:
     """How the cost depends on the size of the object; from the shipped scenes and ten scans.
 
-    Single touches grow with a power of the area, since larger objects have no more features, and
-    with the tolerance as slices of an object of `typical_height` do, whatever the object's height.
+    The number of single touches grows with a power of the area, since larger objects have no more
+    features. It depends on the tolerance as that of slices of an object of `typical_height` does.
     """
 
     area_ratio: float = 1.2  # of an object to the ellipsoid in its box; used before the grasp
     typical_perimeter: float = 0.22  # of the shipped scenes: area over height [m]
     typical_touches: float = 80.0  # single touches on `typical_area` for `typical_tolerance`
     typical_area: float = 0.02  # [m^2]
-    area_power: float = 0.7
+    area_power: float = 0.7  # exponent of the area in the number of single touches
     typical_tolerance: float = 2e-4  # [m]
-    typical_height: float = 0.1  # [m]
-    quartile_ratio: float = 1.5  # of either quartile of single touches to the median
+    typical_height: float = 0.1  # divides tolerances of single touches, to look up their cost [m]
+    quartile_ratio: float = 1.5  # upper quartile over median, and median over lower, of touches
     grasp_seconds: float = 110.0  # robot time until the first contour [s]
     seconds_per_touch: float = 2.0  # robot time of a single touch and its approach [s]
     compute_per_slice_touch: float = 0.05  # processor time on one core of 2020 [s]
@@ -118,11 +118,11 @@ class SizeLimits:
     a message that is being made holds some copies.
     """
 
-    max_seconds: float = 600.0  # processor time [s]
-    max_memory: float = 2e9  # [bytes]
+    max_seconds: float = 600.0  # processor time beyond which a run is refused [s]
+    max_memory: float = 2e9  # of the largest node, beyond which a run is refused [bytes]
     max_extent: float = 1.0  # of a fit [m]: `core.rebuild.general.GridSettings`
-    touch_area: float = 1.54  # of surface that one touch covers [pad widths squared]
-    touch_memory: float = 40e3  # of a touch [bytes]
+    touch_area: float = 1.54  # area of surface that one touch covers [pad widths squared]
+    touch_memory: float = 40e3  # memory for each touch [bytes]
     fit_memory: float = 0.45e9  # maximum of one fit [bytes]: `core.rebuild.general.GridSettings`
     touch_seconds: float = 0.05  # minimum processor time of a touch [s]
 

@@ -245,7 +245,7 @@ def resolve_nodes(entries: Iterable[Entry]) -> tuple[ResolvedNode, ...]:
     """The entries with their nodes; names, parameters and remappings are checked.
 
     Raises InputError if a name is taken or malformed, a kind or parameter is unknown, a parameter
-    is of the wrong type or out of range, or a remapped topic is none of the node.
+    is of the wrong type or out of range, or the node does not have a remapped topic.
     """
     placed: dict[str, ResolvedNode] = {}
     for entry in entries:

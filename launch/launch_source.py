@@ -21,7 +21,7 @@ SHIPPED_LAUNCH_FILES = Path(__file__).parent  # folder of launch files that come
 EXPLORE = SHIPPED_LAUNCH_FILES / "explore.yaml"  # explores a scene
 # Exploratory procedures that have a launch file of their name.
 PROCEDURES = ("containment", "planar", "follower", "fearing", "openings")
-SYSTEMS = {"palpate": "explore", "thesis": "thesis"}  # systems of parts, and their launch files
+SYSTEMS = {"palpate": "explore", "thesis": "thesis"}  # launch files of complete sets of methods
 INCLUDE = "include"
 MERGE_DEPTH = 3  # to which maps of nodes are merged: nodes, a node, its params
 _REFERENCE = re.compile(r"\$\(([^()]*)\)")
@@ -29,7 +29,7 @@ Places = Mapping[KeyPath, str]
 
 
 def find_exploration(procedure: str | None = None, system: str | None = None) -> Path:
-    """The launch file that explores a scene by an exploratory procedure, or by a system of parts.
+    """The launch file that explores a scene by an exploratory procedure, or by a set of methods.
 
     Raises InputError if there is no such procedure or system, or both are named.
     """

@@ -21,8 +21,8 @@ def text_table(
 
     Columns with numbers in `right` are aligned to the right; `min_widths` are minimum widths of the
     first columns. Missing cells at the end of a row are empty. A last cell of words is broken
-    between words so that lines have 80 columns; if that is not enough, further columns go on lines
-    below each row.
+    between words so that lines have 80 columns; if that is not enough, further columns are put on
+    lines below each row.
     """
     lines = _table_lines(rows, right, min_widths)
     if max(map(len, lines), default=0) <= TEXT_WIDTH:
@@ -95,8 +95,8 @@ def _grid(
 def _folded(line: str, last: str, max_indent: int = 60) -> list[str]:
     """A line of a table whose last cell is wrapped if the line is too long.
 
-    Further lines are aligned with the cell; where it begins beyond `max_indent` columns, all of
-    it goes on lines of its own.
+    Further lines are aligned with the cell; if it begins beyond `max_indent` columns, the whole
+    cell is put on separate lines.
     """
     begins = len(line) - len(last.rstrip())
     if len(line) <= TEXT_WIDTH or " " not in last:

@@ -59,7 +59,7 @@ SHOWN_LEVELS = frozenset({"warning", "error"})  # all levels are in log.jsonl
 
 @dataclass(slots=True)
 class Progress:
-    """Counts, times, models and judgements of a run; wall times are since the launch [s]."""
+    """Counts, times, models and scores of a run; wall times are since the launch [s]."""
 
     contacts: int = 0  # of the closing hand
     turns: int = 0  # number of times that the object was turned over
@@ -148,7 +148,7 @@ class ProgressWatcher(Watcher):
         self.expectation: Callable[[Superquadric], str] = lambda coarse: ""
         self._nodes, self._display, self._log, self._final = nodes, display, log, final
         self._began = time.monotonic()
-        # Changes of the tolerance while the planner runs, which takes them up with a later model.
+        # Changes of the tolerance while the planner runs; it applies them with a later model.
         self._tolerance_events: list[ParameterEvent] = []
 
     def ready(self, seconds: float) -> None:

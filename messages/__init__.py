@@ -1,8 +1,8 @@
 """Messages: their types (`types`), encoding (`codec`, `fields`), transport and recording.
 
-Transport is in `bus`, recording in `recording`. Users make message types of their own from the
-field types in `fields`. The limits of a body are in `codec`; changing one changes which messages
-are refused. This package uses numpy and msgspec, and nothing of `palpate.core`.
+Transport is in `bus`, recording in `recording`. Users define their own message types with the field
+types in `fields`. The limits of a body are in `codec` and `fields`; changing them changes which
+messages are refused. This package uses numpy and msgspec, and nothing of `palpate.core`.
 """
 
 from palpate.messages.codec import (

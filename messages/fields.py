@@ -177,11 +177,11 @@ Triangles = Annotated[NDArray[np.int32], Array("<i4", (None, 3), "#")]
 Lengths = Annotated[Floats, Array("<f8", (None,), "m")]
 Numbers = Annotated[Floats, Array("<f8", (None,), "1")]
 FingerNumbers = Annotated[NDArray[np.int32], Array("<i4", (None,), "#")]
-# Parts of the time of a move: wait, path from the last start pose, turn, approach, and path from
-# the last contact along the surface, -1 if there is none.
+# Parts of a move: waiting time, path and turn from the last start pose, approach, and path from the
+# last contact along the surface, -1 if there is none.
 MoveParts = Annotated[Floats, Array("<f8", (5,), "s, m, rad, m, m")]
-# Speeds of a robot: travel and its acceleration, turning, towards the surface and away from it;
-# then its rest in contact and the overhead of a command. Empty if unknown.
+# Speed and acceleration of a robot's travel, speeds of turning, of approach to the surface and of
+# retreat from it; then the time in contact and the overhead of a command. Empty if unknown.
 RobotSpeeds = Annotated[Floats, Array("<f8", (None,), "m/s, m/s2, rad/s, m/s, m/s, s, s")]
 Curvatures = Annotated[Floats, Array("<f8", (None,), "1/m")]
 # Times of flight or forces, as in SensorInfo.

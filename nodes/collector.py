@@ -1,4 +1,4 @@
-"""Collector node: makes a solid of touches that are chosen outside, in place of the planner.
+"""Collector node: requests a solid of touches that others chose, in place of the planner.
 
 It sends no touch goals. After the last frame of a driver it requests a solid of all frames, states
 its error and where touches are missing, and ends the graph. If the object was turned over, it
@@ -42,12 +42,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CollectorSettings:
-    """Assumptions on touches that are chosen outside."""
+    """Assumptions on touches that others chose."""
 
-    max_reach: float = 0.6  # of all touches from their middle [m]: space is mapped up to it
+    max_reach: float = 0.6  # of contacts from their middle; the run fails beyond it [m]
     # Distance from all touches beyond which surface is unknown, if no feature is requested [m].
     unknown_distance: float = 5e-3
-    margin: float = 0.02  # of the object around all touches [m]
+    margin: float = 0.02  # of the mapped space around the box of all contacts [m]
 
 
 COLLECTING = CollectorSettings()
@@ -86,7 +86,7 @@ class State:
     # By goal: number of frames, number of frames with contact, and the last frame with contact, or
     # the last frame if there is none.
     goals: Mapping[int, tuple[int, int, SurfacePatch]] = field(default_factory=dict)
-    over: bool = False  # whether it has ended without a solid
+    over: bool = False  # whether the run has ended without a solid
     end: SequenceEnd | None = None  # known after the last frame
 
     @property
@@ -204,7 +204,7 @@ def _goal(state: State, placement: int | None = None) -> ModelGoal:
 
 
 def take_model(params: Params, state: State, model: ShapeModel) -> tuple[State, Outputs]:
-    """Judge the final model, and end, unless the end without a solid is stated already."""
+    """Judge the final model and end the graph, unless it has ended without a solid."""
     if state.over or not model.final:
         return state, []
     assert state.pad is not None and state.world is not None

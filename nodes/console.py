@@ -30,7 +30,7 @@ def outputs(params: Params) -> Mapping[str, type]:
 
 
 def listen(params: Params) -> Iterator[None]:
-    """No messages of its own."""
+    """Publish nothing by itself: tools publish on its topics."""
     return repeat(None)
 
 

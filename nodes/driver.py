@@ -28,7 +28,7 @@ class Params(SensorParams, frozen=True, kw_only=True, forbid_unknown_fields=True
     path: str  # file of frames, CSV or NPZ; its columns: docs/own_node.md
     # Frame rate if the file has no times [Hz].
     rate: Annotated[float, Meta(gt=0, le=1e4, description="Hz")] = 10.0
-    at_once: bool = False  # publish frames as fast as they are received
+    at_once: bool = False  # whether frames are published without waiting for their times
 
 
 def frames_of(params: Params) -> FrameSequence:

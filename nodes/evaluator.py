@@ -32,7 +32,7 @@ class TrueSurface:
 
     def __init__(self, truth: Truth, thinning: int = 20) -> None:
         self.height = truth.height
-        self.exposed = (
+        self.exposed = (  # minimum height of the surface that fingers can touch [m]
             -math.inf if truth.platform is None else truth.platform + PLACES.standing_height
         )
         solid = geometry.solidity(truth.vertices, truth.faces)
@@ -42,8 +42,8 @@ class TrueSurface:
             raise ValueError(f"the truth must have a positive volume, got {self.volume} m3")
         surface = geometry.prepare_surface(truth.vertices, truth.faces)
         second = geometry.prepare_surface(truth.floor_vertices, truth.floor_faces)
-        # By thinning of the samples: the surface, and the Chamfer distance of two tessellations
-        # [m].
+        # The surface, and the Chamfer distance of its two tessellations [m], each with all samples
+        # and with one in `thinning`.
         self.thinning = thinning
         self.prepared = {n: surface.thinned(n) for n in (1, thinning)}
         self.floors = {

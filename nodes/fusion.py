@@ -33,9 +33,9 @@ class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 class State(NamedTuple):
     """The pad and the last fused curvature."""
 
-    width: float = 0.0  # Of the pad [m]
-    fused: touch.FusedCurvature | None = None  # Of the touches that overlap
-    goal: int = -1  # The contour or probe that they belong to
+    width: float = 0.0  # of the pad [m]
+    fused: touch.FusedCurvature | None = None  # of the last overlapping touches; None: begin anew
+    goal: int = -1  # contour or probe of these touches
 
 
 def know_sensor(params: Params, state: State, info: SensorInfo) -> tuple[State, Outputs]:

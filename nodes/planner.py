@@ -98,7 +98,7 @@ class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 class State:
     """The demand and the exploration."""
 
-    demand: explore.Demand  # at the last model
+    demand: explore.Demand  # as it was at the last model; later changes apply with the next model
     rule: planners.Planner
     world: types.World | None = None
     info: types.SensorInfo | None = None
@@ -254,7 +254,7 @@ def take_model(params: Params, state: State, model: types.ShapeModel) -> tuple[S
         return _act(state, known)
     observation = known.observation(state.demand)
     state, outputs = _act(state, known)
-    # The estimate delays no goal.
+    # The estimate is deferred, so that goals are sent before it is made.
     estimate = Deferred(
         types.PlanEstimate, lambda step: _estimate(model, planners.estimate_error(observation))
     )
@@ -281,14 +281,14 @@ def _surface(
 ) -> planners.ObservedSurface | None:
     """The model for planners of single touches; None if it states no errors.
 
-    `pose`: of the object in the world; None if unknown: then it is given as it lay at first.
+    `pose`: of the object in the world; if None, the model stays in the frame of the first pose.
     """
     assert state.world is not None and state.info is not None
     known, before = state.explored, state.explored.model
     known = replace(known, lying=known.lying._replace(pose=pose))
     before_surface = before.surface if before.general else None
-    is_as_before = before_surface is not None and state.explored.lying.pose is not None
-    earlier = before_surface.progress if before_surface is not None and is_as_before else ()
+    is_pose_known = before_surface is not None and state.explored.lying.pose is not None
+    earlier = before_surface.progress if before_surface is not None and is_pose_known else ()
     distance = state.demand.limits.unknown_distance
     pad = pad_of_info(state.info)
     return observed_surface(
@@ -426,7 +426,7 @@ def _done(reason: str, known: explore.Exploration, demand: explore.Demand) -> Ou
     unknown, pose = estimate.open_area, known.lying.pose
     if unknown is not None and pose is not None and known.lying.placement:
         places, normals = pose.to_local(unknown.places), unknown.normals @ pose.axes
-        unknown = unknown._replace(places=places, normals=normals)  # as the object lay at first
+        unknown = unknown._replace(places=places, normals=normals)  # in its first pose
     done = plan_done(goal, reason, findings, observation.limits, unknown)
     return [("/plan/estimate", _estimate(done, estimate)), ("/plan/done", done)]
 

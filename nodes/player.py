@@ -21,12 +21,12 @@ class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
     path: str  # of the recording
     topics: tuple[str, ...] = ()  # to play; empty: all
-    # Time of the recording per wall time.
+    # Time of the recording per wall time; larger plays faster.
     rate: Annotated[float, Meta(gt=0, le=1e6)] = 1.0
     loop: bool = False  # whether it is played again at its end
     # Start time after the first message [s]; earlier latched messages are published first.
     start_offset: Annotated[float, Meta(ge=0, description="s")] = 0.0
-    # End time after the first message [s].
+    # End time after the first message [s]; null: the end of the recording.
     until: Annotated[float, Meta(gt=0, description="s")] | None = None
     # Rate of messages with the recording's time on ``/clock`` [Hz]; 0: none.
     clock: Annotated[float, Meta(ge=0, le=1000)] = 0.0

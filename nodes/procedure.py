@@ -53,8 +53,8 @@ class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     procedure: str
     settings: dict[str, Any] = {}  # of the procedure
     most_touches: Annotated[int, Meta(ge=1, le=100_000)] = 1000  # maximum number of touches
-    # Standard deviation of fingertip positions along each axis [m]: a contact that is three times
-    # as far from a model refutes it.
+    # Standard deviation of fingertip positions along each axis [m]: a model is refuted by a contact
+    # that is farther off than three times this.
     point_error: Metres = 0.1e-3
     angle_error: Radians = math.radians(0.1)  # standard deviation of fingertip angles [rad]
 
@@ -177,10 +177,10 @@ def take_contacts(
     """Continue with the contacts of the hand."""
     if contacts.number != state.closings - 1:
         raise ValueError(f"unexpected closing {contacts.number}: it was not requested")
-    met = HandContacts(contacts.points, contacts.normals, contacts.fingers, contacts.robot_time)
+    hand = HandContacts(contacts.points, contacts.normals, contacts.fingers, contacts.robot_time)
     state = replace(
         state,
-        results=(*state.results, met),
+        results=(*state.results, hand),
         contacts=state.contacts + len(contacts.points),
         clock=max(state.clock, contacts.robot_time),
     )

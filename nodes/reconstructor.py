@@ -1,7 +1,7 @@
 """Reconstructor node: rebuilds the requested sets of contours and probes.
 
 A set of contours and probes gives a solid; closings of the hand alone give a superquadric. A set is
-fitted when all of it has been received, on whichever input.
+fitted when all its messages have been received, in any order of the inputs.
 """
 
 from __future__ import annotations
@@ -40,8 +40,8 @@ class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What the launch file may set."""
 
     quality: Literal["draft", "normal", "fine"] = "normal"  # of the final mesh
-    # best: a solid of the slices or a general one, whichever predicts touches better; thesis: shell
-    # and core of the contours as in the thesis, without an error bound.
+    # best: a solid in slices, or a general solid if that predicts touches better; thesis: shell and
+    # core of the contours as in the thesis, without an error bound.
     method: Way = "best"
     # The coarse model: free, with exponents, taper and bend fitted; or three, the best of the
     # thesis's sphere, box and cylinder.

@@ -22,7 +22,7 @@ class Params(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     graph: bytes = b""  # description of the graph by `describe_wirings`, set by the launcher
     # Texts in the file by name; the launcher adds scene, launch file, seed and versions.
     about: dict[str, str] = {}
-    # Space that stays free on the disk, before the recording is closed [bytes].
+    # Free space on the disk below which the recording is closed [bytes].
     spare: Annotated[int, Meta(ge=0)] = 64 << 20
 
     def __post_init__(self) -> None:

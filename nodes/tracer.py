@@ -34,10 +34,10 @@ class Job:
     """A contour or a probe that is being made; a probe has only the goal and touches."""
 
     goal: types.ContourGoal | types.ProbeGoal
-    touches: int = 0  # with repeated ones
+    touches: int = 0  # number of requested touches, repeated ones included
     frame: Pose | None = None  # slicing frame
     trace: tracing.Trace | None = None  # of the contour so far
-    aim: tracing.TouchCommand | None = None  # of the last touch
+    aim: tracing.TouchCommand | None = None  # command of the last touch
     faults: int = 0  # number of successive invalid frames
 
 

@@ -1,7 +1,7 @@
-"""Files that users hand over or get: YAML, meshes, points, saved solids, calibrations.
+"""Files that users give or receive: YAML, meshes, points, saved solids, calibrations.
 
-Everything read here is distrusted: sizes and counts are bounded before memory is taken, and every
-complaint is an `InputError` of one sentence. A new mesh format is one reader in `READERS`, a new
-points format one in `points_file`. Rests on palpate.core, and for recordings and calibrations on
-palpate.messages and palpate.nodes; on nothing of launch.
+All input is untrusted: sizes and counts are checked before memory is allocated, and each error is
+an `InputError` of one sentence. A new mesh format is a reader in `mesh_file.READERS`, a new points
+format one in `points_file.POINT_READERS`. This package uses `palpate.core`, and for recordings
+`palpate.messages` and `palpate.nodes`, but no other part of `palpate.launch`.
 """

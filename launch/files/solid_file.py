@@ -63,13 +63,13 @@ AXES = "stu"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NpzLimits:
-    """Limits on NPZ files that are read; measured numbers compress less than `max_ratio`."""
+    """Limits on NPZ files that are read; arrays of measured numbers stay below `max_ratio`."""
 
     max_file_size: int = 512 << 20  # [bytes]
     max_ratio: int = 16  # of the unpacked size to that of the file
-    min_unpacked_size: int = 32 << 20  # to which any file may unpack [bytes]
-    max_arrays: int = 4096
-    max_axis_length: int = 1 << 40  # of an array
+    min_unpacked_size: int = 32 << 20  # unpacked size that is allowed with any ratio [bytes]
+    max_arrays: int = 4096  # in a file
+    max_axis_length: int = 1 << 40  # of an array [elements]
 
 
 def save(solid: Solid, path: str | Path) -> None:

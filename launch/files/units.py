@@ -8,8 +8,8 @@ from collections.abc import Mapping
 from palpate.core.plugins import LENGTHS
 
 METRES_PER_UNIT: Mapping[str, float] = LENGTHS
-LIKELY_UNITS = ("m", "mm")  # that are guessed
-OWN_UNITS = {".stl": "mm"}  # in which palpate writes a format, if not m
+LIKELY_UNITS = ("m", "mm")  # among which a unit is guessed
+OWN_UNITS = {".stl": "mm"}  # units in which palpate writes formats; m for all others
 
 
 def guess_unit(
@@ -17,8 +17,8 @@ def guess_unit(
 ) -> str | None:
     """The unit of a mesh with a largest extent in that unit; None if several units are likely.
 
-    GLB is in m, by its definition. Other files are in the unit in which the object is of a size
-    that hands grip, from `min_size` to `max_size` [m].
+    GLB is in m, by its definition. For other files a unit is likely if the object then has a size
+    from `min_size` to `max_size` [m], which a hand can grip.
     """
     if suffix == ".glb":
         return "m"

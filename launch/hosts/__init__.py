@@ -1,5 +1,5 @@
-"""Other machines: their addresses and the key, nodes that run there, and the agent that lends one.
+"""Other machines: their addresses and key, the nodes that run there, and the agent of a machine.
 
-Optional: found by entry points. Only the key file decides who may start processes: change nothing
-there without reading docs/bus.md. Nodes end with the launcher's word, or when it is silent.
+The package is optional, and is found by entry points. Only the key file decides who may start
+processes: read docs/bus.md before changing that. Nodes end when the launcher ends or is silent.
 """

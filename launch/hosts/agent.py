@@ -104,7 +104,7 @@ def run_host_agent(address: str, port: int, key: Path, echo: Callable[[str], Non
 class HostAgent:
     """The runs that other launchers have on this machine.
 
-    A launcher that is silent for longer than `silence_limit` of the settings is taken for lost.
+    The nodes of a launcher that is silent for longer than `silence_limit` [s] are ended.
     """
 
     def __init__(
@@ -139,7 +139,7 @@ class HostAgent:
     def close(self) -> None:
         """End all nodes."""
         for name in list(self._guests):
-            self._part(name, "told to end")
+            self._part(name, "was ended: this machine no longer runs nodes")
 
     def _receive(self) -> bool:
         """Handle one word; errors in it are printed. Returns False if no word came."""

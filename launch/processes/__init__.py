@@ -1,6 +1,6 @@
-"""The processes of a running graph: started, watched, started again, ended without a trace.
+"""The processes of a running graph: they are started, watched, restarted and ended.
 
-The supervisor knows the life of a run; the times after which a node counts as silent, hung or
-stalled are constants at the top of each chapter and may be tuned. Rests on palpate.messages.bus
-and on the runtime of palpate.nodes.
+`supervisor` runs a graph from start to end. The times after which a node is silent or hangs, or a
+graph has stalled, are fields of `SupervisionSettings` and `HostSettings`, and parameters of
+`Watchdog`. This package uses `palpate.messages.bus` and `palpate.nodes.runtime`.
 """

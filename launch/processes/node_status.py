@@ -20,15 +20,15 @@ from palpate.nodes.runtime.work import failure_records
 class SupervisionSettings:
     """Times in the supervision of the processes of a graph."""
 
-    tick_period: float = 0.1  # of calls of the watcher [s]
-    max_batch: int = 64  # messages that are received before something else is done
-    silence_limit: float = 5.0  # beyond which a node's silence is logged, and its timeout [s]
+    tick_period: float = 0.1  # between two calls of the watcher [s]
+    max_batch: int = 64  # messages of nodes that are received before tools are answered again
+    silence_limit: float = 5.0  # silence that is logged, if its timeout is not longer [s]
     answer_time: float = 0.2  # after which a node without an answer is asked again [s]
     count_pause: float = 0.5  # between two rounds of counting messages [s]
     final_count_pause: float = 0.01  # the same once the graph has finished [s]
     stall_time: float = 3.0  # without any message, after which a graph has stalled [s]
-    report_time: float = 3.0  # in which the report of a failure arrives after the exit [s]
-    stop_time: float = 30.0  # that a node has to finish and save its work [s]
+    report_time: float = 3.0  # that the report of a failure may take after the exit [s]
+    stop_time: float = 30.0  # that nodes have to save their work, before the run fails [s]
 
 
 DEFAULT_SUPERVISION = SupervisionSettings()

@@ -37,8 +37,8 @@ class HostSettings:
 
     exit_time: float = 2.5  # after which a process that was asked to end is killed [s]
     answer_time: float = 10.0  # that another machine has for its first answer [s]
-    heartbeat_period: float = 0.5  # of signs of life of the launcher and other machines [s]
-    silence_limit: float = 6.0  # after which either side takes the other for lost [s]
+    heartbeat_period: float = 0.5  # between signs of life of launcher and other machines [s]
+    silence_limit: float = 6.0  # after which launcher or machine considers the other lost [s]
 
 
 DEFAULT_HOST_SETTINGS = HostSettings()
@@ -226,11 +226,11 @@ class _Heartbeat(NamedTuple):
 
 
 class Watchdog:
-    """Finds nodes that hang by their signs of life, of which four are due in a second.
+    """Finds nodes that hang by their signs of life, which a node sends four times a second.
 
     `handler_timeout`: by name, the processor time that a handler may take [s]. A node is examined
-    after a silence of `silence_limit` [s]. After a gap of the launcher itself of `launcher_gap` [s]
-    all silences are forgotten.
+    after a silence of `silence_limit` [s]. If the launcher itself did not run for `launcher_gap`
+    [s], the silences of all nodes are counted from now on.
     """
 
     def __init__(

@@ -111,7 +111,7 @@ class Supervisor:
                 return self._interrupted()
             try:
                 self._processes.spawn(wiring.name, going=self._going)
-                self._hosts.receive()  # or a busy launcher seems lost to other machines
+                self._hosts.receive()  # otherwise other machines consider a busy launcher lost
             except ChildProcessError as error:
                 return Verdict("died", str(error))
         return None
@@ -319,7 +319,7 @@ class ToolServer:
             if request is None:
                 return
             tool, word = request
-            # A request to a node has no answer before the node has done it.
+            # A request to a node is answered only when the node has fulfilled it.
             answer = self._status() if word["kind"] == "status" else self._tell(tool, word)
             if answer is not None:
                 self._line.send(tool, **answer)

@@ -4,9 +4,9 @@ Frames are held in memory up to a limit, and beyond it in a file. Frames that ta
 written at once, so that they are not made again. Frames of persistent nodes, which cannot be made
 again because they come from the world, are written together with the message that they answer:
 all answers to one message are in the file, or none. The journal has one entry for each message,
-written before the message is handled. Send times keep effects later than their causes when a cause
-is published again after a death. The process may die at any moment: data that the system has taken
-stays.
+written before the message is handled. Messages that are published again after a death keep their
+first send times, so that effects stay later than causes. The process may die at any moment: data
+that the system has accepted is not lost.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from typing import NamedTuple, cast
 
 from palpate.messages.codec import Header, pack_frame, split_frame
 
-# A frame in memory, its place in the file (one number: its start, and its length in the last 32
-# bits, since a long run has many), or a function that makes it.
+# A frame in memory; its place in the file, as (start << 32 | length) in one number, which saves
+# memory; or a function that makes it.
 StoredFrame = bytes | int | Callable[[], bytes]
 _LENGTH = struct.Struct("<I")
 _WORD = 8  # [bytes] of a word of the journal; an entry has two words
@@ -61,7 +61,7 @@ class MessageLog:
         epoch: int = 0,  # number of earlier starts of the node
     ) -> None:
         self._path, self._persistent, self._epoch = path, persistent, epoch
-        self._room, self._write_size = max_memory, write_size
+        self._room, self._write_size = max_memory, write_size  # memory that is left [bytes]
         self._frames: dict[str, list[StoredFrame]] = {topic: [] for topic in topics}
         self._silent = dict.fromkeys(silent, 0)
         self._waiting: list[tuple[str, int]] = []  # to be written together
@@ -128,10 +128,10 @@ class MessageLog:
                 self._frames[topic][seq] = kept
             if not isinstance(kept, bytes):
                 kept = self._read(kept >> 32, kept & 0xFFFFFFFF)
-                kept = self._of_this_start(*split_frame(kept)) if self._epoch else kept
+                kept = self._with_own_epoch(*split_frame(kept)) if self._epoch else kept
             yield kept
 
-    def _of_this_start(self, topic: str, header: Header, body: bytes) -> bytes:
+    def _with_own_epoch(self, topic: str, header: Header, body: bytes) -> bytes:
         return pack_frame(topic, header._replace(epoch=self._epoch), body)
 
     def close(self) -> None:
@@ -202,7 +202,7 @@ class MessageLog:
             topic, header, body = split_frame(frame)
             if self._persistent:
                 self.latest_ns = max(self.latest_ns, header.sent_ns)
-                self._append(topic, self._of_this_start(topic, header, body))
+                self._append(topic, self._with_own_epoch(topic, header, body))
             else:
                 at = self._end + _LENGTH.size + place
                 self._written[topic, header.seq] = at << 32 | len(frame)

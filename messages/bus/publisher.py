@@ -4,8 +4,8 @@ No message is ever dropped: a sender waits while a queue is full, and receives m
 so that two nodes that send to each other cannot deadlock. All messages are kept for subscribers
 that join late. The time of a message is later than that of all messages that the node has sent or
 received, so that effects are later than their causes, also on several machines (L. Lamport, Comm.
-ACM 21 (7), 1978). A restarted publisher sends to each subscriber the messages that it lacks, with
-their first times.
+ACM 21 (7), 1978). A restarted publisher sends each subscriber only the messages that this lacks,
+with their first times.
 """
 
 from __future__ import annotations

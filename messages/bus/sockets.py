@@ -21,12 +21,12 @@ LAUNCHER = "launcher"  # name by which the launcher subscribes; no node may have
 class SocketSettings:
     """Times and sizes of the sockets of one process."""
 
-    reconnect_ms: int = 5  # between attempts to reconnect to a publisher
-    send_timeout: float = 10.0  # after which a sender with a full queue gives up [s]
-    blocked_poll_ms: int = 10  # between attempts to send with a full queue
-    linger_ms: int = 1000  # for queued messages to leave at the end
-    control_linger_ms: int = 500  # the same for control messages
-    zero_copy_size: int = 1 << 16  # of frames that are sent without a copy [bytes]
+    reconnect_ms: int = 5  # between attempts to reconnect to a publisher [ms]
+    send_timeout: float = 10.0  # after which a sender with a full queue fails [s]
+    blocked_poll_ms: int = 10  # between attempts to send with a full queue [ms]
+    linger_ms: int = 1000  # that queued messages have to leave when a socket is closed [ms]
+    control_linger_ms: int = 500  # the same for control messages [ms]
+    zero_copy_size: int = 1 << 16  # from which on frames are sent without a copy [bytes]
 
 
 DEFAULT_SOCKETS = SocketSettings()

@@ -37,15 +37,15 @@ MAX_HELD_BYTES: Mapping[int, int] = {
 FIXED_BYTES: Mapping[int, int] = {Opcode.FOOTER: 20, Opcode.SUMMARY_OFFSET: 17}
 KINDS = frozenset(map(int, Opcode))
 _HEAD = struct.Struct("<BQ")
-# Size to which any chunk may unpack: it has 64 kB of messages and one more, which is at most 1 MiB
-# for most types.
+# Size to which any chunk may unpack [bytes]: a written chunk has 64 kB of messages and one further
+# message, which has at most 1 MiB for most types.
 SMALL_CHUNK_BYTES = 12 << 20
-# Ratio of unpacked to packed size of a larger chunk, which has a mesh: lz4 packs even flat grids
-# only to two fifths.
+# Maximum ratio of unpacked to packed size of a larger chunk, which has a mesh: lz4 packs even flat
+# grids only to two fifths of their size.
 MAX_CHUNK_RATIO = 8
 LZ4_RATIO = 255  # limit of lz4 on the ratio of unpacked to packed size
-# Minimum size of a packed record: all records have different channels or numbers, so that none is
-# part of one repetition.
+# Minimum size of a packed record [bytes]: records differ in channel or number, so that lz4 cannot
+# pack several as one repetition.
 MIN_PACKED_BYTES = 3
 MAX_DECLARED_BYTES = 1 << 20  # of all schemas and channels of a file
 _MESSAGE = struct.Struct("<HIQQ")

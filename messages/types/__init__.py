@@ -1,7 +1,7 @@
-"""Every message type, one file a subject; `TYPES` finds one by its name.
+"""All message types, in one file for each subject; `TYPES` has them by name.
 
-A new type is a frozen dataclass in the file of its subject; changing a field changes the schema's
-hash, and old recordings are refused by name. Rests on the field types of `palpate.messages` alone.
+A new type is a frozen dataclass in the file of its subject. Changing a field changes the hash of
+the schema, so that old recordings are refused. The types use only `palpate.messages.fields`.
 """
 
 from palpate.messages.types.catalogue import (

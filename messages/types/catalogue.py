@@ -1,4 +1,4 @@
-"""What nodes publish about themselves, and every message type by its name."""
+"""Messages of nodes about themselves, and all message types by name."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class ParameterEvent:
 
     param: str  # Name of the parameter
     value: str  # New value, in JSON
-    topic: str  # Node's name of the input between two of whose messages it was set
+    topic: str  # Node's name of an input: the parameter was set between two messages of it
     after: Count  # Number of messages of this input that the node had handled before
 
 

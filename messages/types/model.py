@@ -1,4 +1,4 @@
-"""What is rebuilt, from what, and how good it is."""
+"""Requests for models, rebuilt solids, their estimated errors, and scores."""
 
 from __future__ import annotations
 
@@ -45,10 +45,10 @@ class ModelGoal:
     probes: Ids  # Probes in the order in which the planner took them
     # Unfinished contours: the contacts of their touches are used, their curves are not
     arcs: Ids = ()
-    # Whether one of these could not be traced, for another reason than a spent budget
+    # Whether a contour could not be traced, for another reason than a spent budget
     failed: bool = False
     missed: Ids = ()  # Probes without contact: the space that they swept is free
-    # Whether the last model was a general solid: then no solid of slices is made any more
+    # Whether the last model was a general solid: then no more solids in slices are made
     general: bool = False
     # Number of closings of the hand; without contours and probes the coarse model is fitted to
     # their contacts
@@ -62,9 +62,9 @@ class ModelGoal:
 @readable
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class PlanEstimate:
-    """How good a model is, as far as can be told, and what the next halving of its error takes.
+    """Estimated error of a model, and expected cost of halving it.
 
-    Planner to whoever shows it, on ``/plan/estimate``, for each model and for the final one.
+    Planner to displays on ``/plan/estimate``, for each model and for the final one.
     """
 
     number: Count  # Number of the model
@@ -78,7 +78,7 @@ class PlanEstimate:
     # Touches after which the error is expected to be half as large; null if no slice brings that
     halving_touches: Annotated[float, Unit("#")] | None
     halving_seconds: Seconds | None  # Expected robot time of these touches
-    open_share: Ratio | None = None  # Share of the surface that is far from all touches
+    open_share: Ratio | None = None  # Unknown share of the surface, as of PlanDone
     open_width: Metres | None = None  # Width of the largest untouched opening
 
 
@@ -91,9 +91,9 @@ class PlanDone:
     contours: Ids  # Contours of the final model
     probes: Ids  # Probes of the final model
     arcs: Ids = ()  # Unfinished contours of the final model
-    # Whether one of these could not be traced, for another reason than a spent budget
+    # Whether a contour could not be traced, for another reason than a spent budget
     failed: bool = False
-    missed: Ids = ()  # Probes that met nothing: what they swept is free
+    missed: Ids = ()  # Probes without contact: the space that they swept is free
     general: bool = False  # Whether the last model was a general solid
     closings: Count = 0  # Number of closings of the hand
     touches: Count  # Touches spent, failed contours included
@@ -101,11 +101,11 @@ class PlanDone:
     reason: str  # Reason for the end
     # Whether all limits are met, as far as known; null without limits
     reached: bool | None
-    # The root mean square error of the solid is below this in 95 of 100 runs; null where nobody can
-    # tell
-    rms_bound_95: Metres | None
-    # Width of the largest untouched gap: in the side's height, or of a general solid; null if
+    # The root mean square error of the solid is below this in 95 of 100 runs; null if it is
     # unknown
+    rms_bound_95: Metres | None
+    # Largest untouched gap: height between contours, or width of an opening in a general solid;
+    # null if unknown
     largest_untouched: Metres | None
     uncovered: Metres  # Height of stretches of the side that touches cannot reach
     # Findings about the solid, by the names of `palpate.planning.Findings`; m and shares
@@ -149,25 +149,25 @@ class Superquadric:
 class ShapeModel:
     """A closed solid. Latched on ``/model/shape``.
 
-    A prism deformed by a B-spline control lattice, and its ends; or a general solid, where an
-    implicit spline is negative: it has no lattice of columns, rows and layers, and no heights; or
-    the thesis's superquadric in a control lattice, which tells of no error; or what an exploratory
-    procedure found, whose own model has a topic of its own.
+    ``lattice``: a prism deformed by a B-spline control lattice, with its ends. ``general``: the
+    region where an implicit spline is negative, without lattice and heights. ``thesis``: the
+    thesis's superquadric in a control lattice, without an error bound. ``procedure``: the surface
+    of an exploratory procedure, whose model has its own topic.
     """
 
     MAX_BYTES = MAX_MESSAGE_BYTES  # It has all contacts: 9,500 touches are 80 MB
 
     number: Count  # Number of its goal
     method: Literal["lattice", "general", "thesis", "procedure"] = "lattice"  # Kind of solid
-    # By method, root mean square error of the prediction of touches before they were used, m; empty
-    # if no touch was predicted
+    # By method, root mean square distance of touches from the solid before they were fitted, m;
+    # empty if no touch was predicted
     predicted: dict[str, float] = field(default_factory=dict)
     contours: Ids  # Contours used
     probes: Ids  # Probes used
     dropped: Ids  # Requested contours that were not used
     dropped_reasons: tuple[str, ...]  # One reason for each dropped contour
-    # Control points of the final model's lattice, (columns, rows, layers, 3), world frame; none of
-    # models on the way, nor of a general solid
+    # Control points of the final model's lattice, (columns, rows, layers, 3), world frame; empty
+    # for earlier models and general solids
     control: ControlPoints = field(default_factory=lambda: np.zeros((0, 0, 0, 3)))
     # Control points before the deformation, around an upright prism
     undeformed: ControlPoints = field(default_factory=lambda: np.zeros((0, 0, 0, 3)))
@@ -180,18 +180,18 @@ class ShapeModel:
     # Triangles, counter-clockwise seen from outside
     faces: Triangles = field(default_factory=lambda: np.zeros((0, 3), np.int32))
     # Of the final mesh: whether all edges have exactly two faces, the number of holes through it,
-    # and the number of crossing pairs of triangles; null of earlier models, which are not checked
+    # and the number of crossing pairs of triangles; null for earlier models, which are not checked
     closed: bool | None = None
     genus: Count | None = None
     self_crossings: Count | None = None
-    # Expected error at each vertex of a general solid, from touches that were left out, by their
-    # distance from other touches; 0 of a solid in slices, whose error is stated by height
+    # Expected error at each vertex of a general solid, calibrated by the errors of touches that
+    # were left out of fits; 0 for a solid in slices, whose error is stated by height
     vertex_errors: Lengths = field(default_factory=lambda: np.zeros(0))
     vertex_bounds: Lengths = field(default_factory=lambda: np.zeros(0))  # Its bound of 95 %
     # Distance of each vertex from the nearest touched point
     vertex_distances: Lengths = field(default_factory=lambda: np.zeros(0))
-    # Root mean square error over a general solid of missing parts, shown by touches far from it,
-    # and of misplaced touches if its pose after a turn is wrong
+    # Root mean square error over the surface of a general solid: of parts that it lacks, as touches
+    # far from it show, and of touches that are misplaced if its pose after a turn is wrong
     missing: Metres = 0.0
     # Known poses (n, 7) of the object in the world after each turn; the solid is given at its first
     # pose
@@ -202,9 +202,9 @@ class ShapeModel:
     placement_faults: tuple[str, ...] = ()
     # Hollow places of the solid, which a pad spanned without contact
     openings: Points = field(default_factory=lambda: np.zeros((0, 3)))
-    frame: Pose  # Slicing frame in the world, along whose z axis heights count
-    # Standard deviation of the surface, root mean square with the ends; null if its method states
-    # none
+    frame: Pose  # Slicing frame in the world; heights are measured along its z axis
+    # Standard deviation of the surface, root mean square over sides and ends; null if its method
+    # states none
     deviation: Metres | None = None
     ends_deviation: Metres = 0.0  # Part of the deviation due to the ends
     # Heights at which `uncertainty` is given
@@ -227,8 +227,8 @@ class ShapeModel:
 class Score:
     """A model measured against the truth. On ``/score``.
 
-    Distances are point to triangle, from area-uniform samples each way: 20,000 of the final model,
-    2,000 of those on the way.
+    Distances are point to triangle, from area-uniform samples each way: 20,000 for the final model,
+    1,000 for earlier ones.
     """
 
     number: Count  # Number of the model
@@ -247,6 +247,6 @@ class Score:
     watertight: bool  # True if every edge has exactly two faces
     genus: Count  # Number of handles; -1 for a surface that is not closed
     true_genus: Count = -1  # The same of the truth
-    # Root mean square distance of the surface over 1 mm above the platform, which fingers can touch
+    # Root mean square distance of the surface higher than 1 mm over the platform, within reach
     exposed_rms: Metres
     final: bool  # True for the score of the final model

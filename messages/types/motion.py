@@ -1,4 +1,4 @@
-"""What finger and hand are asked to do, and what came of it: contours, probes, grasps."""
+"""Goals of fingers and hand, and their results: contours, probes, grasps, turns."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ from palpate.messages.fields import (
 from palpate.messages.types.touch import FrameFault, Outcome
 from palpate.reprs import readable
 
-# How tracing ended: the loop is closed; it has gaps, or the pad cannot reach any of it; the object
-# ends below the slice; the trace is stuck; it wound around too far without closing; the budget of
-# touches is spent; there was no contact
+# How tracing ended, in order: the loop is closed; it has gaps, or the pad reaches none of it; the
+# object ends below the slice; the trace is stuck; it went around too far without closing; the
+# budget is spent; there was no contact
 ContourStatus = Literal["closed", "occluded", "pole", "stuck", "overrun", "budget", "no_contact"]
 # The pad bridged a stretch without contact in it, or missed the surface there
 GapReason = Literal["bridged", "missed"]
@@ -99,7 +99,7 @@ class ProbeGoal:
 @readable
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Probe:
-    """What a single touch found, or one goal's frames of a driver.
+    """The result of a single touch, or of the frames of one goal of a driver.
 
     Latched, all kept, on ``/probe/traced``.
     """
@@ -136,7 +136,7 @@ class TouchGoal:
 @readable
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class FingerClock:
-    """How far a finger has come. Tracer to planner on ``/finger/clock``, if there are several."""
+    """Robot time of a finger. Tracer to planner on ``/finger/clock``, if there are several."""
 
     finger: Count  # The finger
     robot_time: Seconds  # Robot time of its last touch
@@ -145,11 +145,11 @@ class FingerClock:
 @readable
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class GraspGoal:
-    """A pose of the hand from which it shall close. On ``/hand/goal``."""
+    """A requested closing of the hand. On ``/hand/goal``."""
 
     number: Count  # Counts up by one
     placement: Count = 0  # How often the object has been turned over before it
-    pose: Pose  # Pose of the hand: its fingers close about its z axis, its palm moves along it
+    pose: Pose  # Pose of the hand: its fingers close towards its z axis, its palm moves along it
     fingers: Count  # Fingers beside the palm
     opening: Metres  # Distance of the fingertips and of the palm from the middle of the open hand
     reach: Metres  # Longest path of a finger
@@ -161,7 +161,7 @@ class GraspGoal:
 @readable
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class GraspContacts:
-    """Where the fingers met the object. On ``/hand/contacts``."""
+    """Contacts of the fingers of the hand. On ``/hand/contacts``."""
 
     number: Count  # Number of the goal
     placement: Count = 0  # How often the object had been turned over before it
@@ -191,7 +191,7 @@ class TurnGoal:
 @readable
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Turned:
-    """The object was set down on another side: nobody knows exactly how. On ``/hand/turned``."""
+    """The object was set down on another side; its pose is not known. On ``/hand/turned``."""
 
     placement: Count  # Number of turns so far
     move: MoveParts  # Parts of the hand's move

@@ -1,4 +1,4 @@
-"""What an exploratory procedure found: its result, and the model of its kind."""
+"""Results of exploratory procedures, and the models that they recover."""
 
 from __future__ import annotations
 
@@ -71,10 +71,10 @@ class GeneralisedCone:
 
     # A surface of revolution; any section, with a straight profile; or any section and profile
     kind: Literal["revolution", "linear", "free"]
-    point: Vector  # On the axis; heights count from here
+    point: Vector  # On the axis; heights are measured from here
     axis: Direction  # Along the axis
     axis_error: Radians  # Standard deviation of its angle
-    azimuth_zero: Direction  # From where azimuths count, counter-clockwise about the axis
+    azimuth_zero: Direction  # Direction of azimuth 0; azimuths are counter-clockwise about the axis
     heights: Lengths  # Heights between the ends that were touched
     radii: Lengths  # Mean radius at each of them
     section: Numbers  # Radius over the mean one at even azimuths; all 1 if it is round
@@ -92,7 +92,7 @@ class ConePose:
     axis_error: Radians  # Standard deviation of the axis's angle
     apex: Vector  # Where all meridians meet, the origin of the cone
     apex_covariance: Covariance
-    half_angles: Numbers  # Of the touched meridians to the axis, rad
+    half_angles: Numbers  # Angles between the touched meridians and the axis, rad
     features: tuple[str, ...]  # Touched features, as F_T, E_m, P
     interpretations: tuple[str, ...]  # Interpretations of the features, the most likely first
     residual_sigma: Ratio  # Residual of all features, over its standard deviation

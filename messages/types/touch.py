@@ -1,4 +1,4 @@
-"""One touch on its way from tactile frame to surface patch."""
+"""Messages of one touch: tactile frame, tactile image and surface patch."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ Outcome = Literal["hit", "miss", "inside", "bottomed"]
 
 
 def no_move() -> Floats:
-    """The move of a frame that no arm made."""
+    """The move of a frame without a robot arm, as of a driver."""
     return np.array([0.0, 0.0, 0.0, 0.0, -1.0])
 
 
@@ -48,7 +48,7 @@ FrameFault = Literal["none", "dead", "impossible", "saturated", "frozen"]
 @readable
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class TouchHeader:
-    """What each message of one touch passes on unchanged, from the tactile frame to the patch."""
+    """Fields that all messages of one touch share, from the tactile frame to the patch."""
 
     goal: Count  # Number of the contour or probe that the touch belongs to
     touch: Count  # Counts up by one within the goal
@@ -68,7 +68,7 @@ class TactileFrame(TouchHeader):
     # Times of flight or forces, as the SensorInfo says. Row i lies at y = (i - (rows - 1) / 2) *
     # pitch
     array: SignalImage
-    move: MoveParts = field(default_factory=no_move)  # Parts of its robot time
+    move: MoveParts = field(default_factory=no_move)  # Parts of the move before it
 
 
 @readable
@@ -95,9 +95,9 @@ class TactileImage(TouchHeader):
 @readable
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class SurfacePatch(TouchHeader):
-    """The piece of surface that one touch met. On ``/touch/patch``."""
+    """The piece of surface under one touch. On ``/touch/patch``."""
 
-    advance: Metres = 0.0  # Way of the guarded move, along the pad's z axis
+    advance: Metres = 0.0  # Length of the guarded move along the pad's z axis
     height: LengthImage  # Surface over the plane of the pad's face, pad frame; 0 where untouched
     mask: Mask  # Where the pad touches
     # Surface under the touched taxels, world frame; those whose normal is unknown are left out
@@ -119,7 +119,7 @@ class SurfacePatch(TouchHeader):
     curvature_across: PerMetre  # Normal curvature along `direction`. 0 unless `kind` is smooth
     curvature_across_error: PerMetre  # Its standard error; 0 unless `kind` is smooth
     kind: SurfaceKind  # Kind of the surface
-    fault: FrameFault = "none"  # Reason why it is `invalid`, or that its top is cut off
+    fault: FrameFault = "none"  # Reason why it is `invalid`; ``saturated`` if its top is cut off
     # From 0 to 1: share of the taxels that touch, damped by the misfit of the jet
     confidence: Ratio
     residual: Metres  # Root mean square misfit of the jet

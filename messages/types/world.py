@@ -1,4 +1,4 @@
-"""What the simulator publishes once, at the start: the world, the sensor, and the truth."""
+"""The world, the sensor and the truth, published once at the start; and the map of space."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ from palpate.reprs import readable
 @readable
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class World:
-    """What a robot knows before it touches anything. Latched on ``/world``."""
+    """Facts that a robot knows before it touches anything. Latched on ``/world``."""
 
     platform: Metres  # Height of the pedestal on which the object stands
-    # Whether the object is held, and does not stand; then the finger's reach begins at that height
+    # Whether the object is held and does not stand; then `platform` is only where reach begins
     held: bool = False
-    # The finger reaches this far sideways from the axis and up from the platform
+    # Reach of the finger, sideways from an upright axis and upwards from the platform
     reach: Metres
-    # Position of that upright axis
+    # Position of this axis, x and y
     centre: PlanarPoint = field(default_factory=lambda: np.zeros(2))
     fingers: Count  # Number of fingers
     seed: Count  # The run's seed
@@ -64,9 +64,9 @@ class Truth:
 @readable
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class SpaceMap:
-    """What is known of the space about the object. Latched on ``/model/space``."""
+    """Map of the space around the object. Latched on ``/model/space``."""
 
-    MAX_BYTES = 16 << 20  # `palpate.core.explore.MAX_VOXELS`, and what stands beside them
+    MAX_BYTES = 16 << 20  # of `palpate.core.explore.MAX_VOXELS` voxels, and the other fields
 
     number: Count  # Number of its model
     low: Vector  # Middle of the first voxel, world frame
@@ -79,7 +79,7 @@ class SpaceMap:
 class SensorInfo:
     """The fingertip's array, pad and calibration. Latched on ``/touch/info``.
 
-    To a tactile frame what CameraInfo is to an image.
+    It describes tactile frames, as CameraInfo of ROS describes images.
     """
 
     rows: Count  # Rows of taxels

@@ -1,7 +1,7 @@
 """What the reconstructor node has received, and the solids and messages that it makes of it.
 
-`fitting` says what belongs to a set and makes or continues its solids, `candidates` chooses between
-them by how they predicted, and writes the message. To be tuned: how surely a general
-solid must predict better, and after how many touches it is fitted anew. Rests on
-`palpate.core.rebuild`; used by the reconstructor node, and by those who rebuild from files.
+`received` keeps the messages, `fitting` fits or continues the solids of a set, and `candidates`
+chooses the solid that predicted touches better and writes the message. Tuned values are fields of
+`CandidateSettings`, `RefitSettings`, `LocatingSettings`, `OpeningSettings` and `SoundnessSettings`.
+The package uses `palpate.core.rebuild`; the reconstructor node and readers of files use it.
 """

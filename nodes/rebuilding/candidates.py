@@ -1,6 +1,6 @@
-"""The solids of one set of contours, probes and touches, which predicts better, and its message.
+"""The candidate solids of one set of contours and probes, the choice between them, and its message.
 
-Messages are of a solid by slices, a general one, or the coarse superquadric.
+The message describes a solid in slices, a general solid, or the coarse superquadric.
 """
 
 from __future__ import annotations
@@ -42,15 +42,15 @@ NO_ARCHIVE = np.zeros(0, np.uint8)
 class CandidateSettings:
     """Which solid is published, and how finely it is meshed."""
 
-    confidence_sigmas: float = (
-        1.64  # [standard errors] by which a general solid must predict better
-    )
-    max_error_ratio: float = 0.5  # of a general solid's squared error to that of the slices
-    coarse_tolerance: float = 5e-4  # [fraction of the size] of the mesh that sets the final spacing
-    max_parts: int = 4  # of a general solid's cell along each edge: more change nothing visible
-    hollow_depth: float = (
-        0.4e-3  # [m] in a solid, at which a pad that touches nothing is an opening
-    )
+    # Mean gain in squared error beyond which a general solid is chosen over slices, if it also
+    # meets `max_error_ratio`; larger values favour slices [standard errors of the mean gain].
+    confidence_sigmas: float = 1.64
+    max_error_ratio: float = 0.5  # rms prediction error of a chosen general solid over slices
+    coarse_tolerance: float = 5e-4  # of a first mesh, which sets the final one [fraction of size]
+    max_parts: int = 4  # pieces along each edge of a general solid's cell; more are not visible
+    # Depth inside the solid beyond which a place without contact is an opening [m]; larger values
+    # report fewer openings.
+    hollow_depth: float = 0.4e-3
 
 
 CANDIDATES = CandidateSettings()
@@ -64,12 +64,12 @@ def is_final(goal: Goal) -> bool:
 class Quality(NamedTuple):
     """How finely the final model is meshed."""
 
-    faces: int  # Triangles, about, if it takes as many
-    tolerance: float  # Of the size: distance of the mesh from the surface, at least
-    parts: int  # Pieces of a general solid's cell along each of its edges, at least
+    faces: int  # approximate number of triangles; fewer if `tolerance` is reached first
+    tolerance: float  # minimum distance of the mesh from the surface [fraction of the size]
+    parts: int  # minimum number of pieces along each edge of a general solid's cell
 
 
-# Faces cost computing here, in scoring and in files; they do not change the surface.
+# More faces cost time in meshing and scoring, and space in files; the surface is the same.
 QUALITIES: Mapping[str, Quality] = {
     "draft": Quality(6_000, 5e-4, 1),
     "normal": Quality(45_000, 5e-5, 2),
@@ -78,60 +78,60 @@ QUALITIES: Mapping[str, Quality] = {
 
 
 class FittedGeneral(NamedTuple):
-    """A general solid, and of how many touches it was last fitted."""
+    """A general solid, and the numbers of touches at its last complete fits."""
 
     solid: GeneralSolid
-    whole: int  # all of it
-    anew: int  # from nothing
-    underside: Floats | None = None  # Places on which it stood at first, if it was turned over
+    whole: int  # number of touches when all of it was last fitted
+    anew: int  # number of touches when it was last fitted without an earlier solid
+    underside: Floats | None = None  # places (k, 3) that it stood on at first, if turned over [m]
 
 
 class Placements(NamedTuple):
-    """How the object lay after each time that it was turned over."""
+    """The poses of the object after each time that it was turned over."""
 
-    poses: tuple[Pose, ...] = ()  # In the world, by contacts of the hand; as many as are known
-    errors: tuple[float, ...] = ()  # How far each may be off along normals, root mean square [m]
-    faults: tuple[str, ...] = ()  # What is wrong with them, a sentence each
-    alternatives: tuple[tuple[Pose, ...], ...] = ()  # Of each: other poses that fit as well
-    lost: tuple[str, ...] = ()  # Why the last one is not known, if it is not: a sentence
+    poses: tuple[Pose, ...] = ()  # known poses in the world, from contacts of the hand
+    errors: tuple[float, ...] = ()  # rms error of each pose along the normals at contacts [m]
+    faults: tuple[str, ...] = ()  # faults of the poses, a sentence each
+    alternatives: tuple[tuple[Pose, ...], ...] = ()  # for each pose, others that fit as well
+    lost: tuple[str, ...] = ()  # why the next pose is unknown, in a sentence; empty if none failed
 
 
 @dataclass(frozen=True, eq=False)
 class Candidates:
-    """The solids of one set, one of each method."""
+    """The solids of one set, at most one of each method."""
 
-    sliced: LatticeSolid | None  # The final one as a control lattice; None: slices make no solid
-    general: FittedGeneral | None  # None where nothing was touched, or slices do
-    touched: ContactPoints  # Of what they are made
-    method: Literal["lattice", "thesis"] = "lattice"  # Of the solid of the slices
-    why: str = ""  # Why slices make no solid, if they should
-    rejected: tuple[str, ...] = ()  # Solids that were fitted and contradicted, and by what
+    sliced: LatticeSolid | None  # has a control lattice if final; None if slices make no solid
+    general: FittedGeneral | None  # None if nothing was touched, or if slices make a solid
+    touched: ContactPoints  # the contacts to which the solids are fitted
+    method: Literal["lattice", "thesis"] = "lattice"  # of the solid in slices
+    why: str = ""  # why requested slices make no solid
+    rejected: tuple[str, ...] = ()  # solids that contacts or swept space contradict, with reasons
     placements: Placements = field(default_factory=Placements)
-    # How the touches of later sets were predicted, by the number of the set.
+    # Squared errors of predictions of later sets, by number of the set, then method [m^2].
     predictions: dict[int, dict[str, Floats]] = field(default_factory=dict)
 
     @property
     def poses(self) -> tuple[Pose, ...]:
-        """Of the object in each placement, by contacts of the hand and all touches."""
+        """Poses of the object in each placement, corrected by the fit of all touches."""
         poses = self.placements.poses
         motions = () if self.general is None else self.general.solid.motions
-        moved = (pose @ one.inverse() for pose, one in zip(poses, motions, strict=False))
+        moved = (pose @ motion.inverse() for pose, motion in zip(poses, motions, strict=False))
         return (*moved, *poses[len(motions) :])
 
     @cached_property
     def volume(self) -> MeshVolume:
-        """The slices' solid, meshed for a look."""
+        """The volume of a coarse mesh of the solid in slices."""
         assert self.sliced is not None
         return MeshVolume(surface.grid_mesh(self.sliced.surface))
 
     def mesh_of(self, solid: AnySolid) -> Mesh | surface.SurfaceMesh:
-        """A mesh for a look of one of the solids."""
+        """A coarse mesh of one of the solids."""
         return self.volume.mesh if isinstance(solid, LatticeSolid) else solid.rough_mesh
 
     def predicted(self, number: int, touched: ContactPoints) -> dict[str, Floats]:
-        """Mean square distance of each touch since from the solids, by method, m^2.
+        """Mean square distance of each later touch from the solids, by method [m^2].
 
-        `number` is that of the later set to which the touches belong.
+        `number`: of the later set to which the touches belong. Results are kept by this number.
         """
         if number not in self.predictions:
             self.predictions[number] = self._predicted(touched)
@@ -148,20 +148,20 @@ class Candidates:
         return squares
 
     def better(self, predicted: Mapping[str, Floats]) -> AnySolid | None:
-        """The general solid if it surely predicted the same touches better, else slices."""
-        whole = None if self.general is None else self.general.solid
-        if self.sliced is None or whole is None:
-            return self.sliced or whole
+        """The general solid if it predicted the same touches significantly better, else slices."""
+        general_solid = None if self.general is None else self.general.solid
+        if self.sliced is None or general_solid is None:
+            return self.sliced or general_solid
         sliced, general = (predicted.get(name, _NONE) for name in ("lattice", "general"))
         if not len(general) or len(sliced) != len(general):
             return self.sliced
         gain = sliced - general
-        sure = gain.mean() > CANDIDATES.confidence_sigmas * gain.std() / np.sqrt(len(gain))
-        much = general.mean() < CANDIDATES.max_error_ratio**2 * sliced.mean()
-        return whole if sure and much else self.sliced
+        is_sure = gain.mean() > CANDIDATES.confidence_sigmas * gain.std() / np.sqrt(len(gain))
+        is_large = general.mean() < CANDIDATES.max_error_ratio**2 * sliced.mean()
+        return general_solid if is_sure and is_large else self.sliced
 
     def final_mesh(self, quality: Quality) -> surface.SurfaceMesh:
-        """Of about as many triangles whatever the shape: a first mesh tells how fine."""
+        """The final mesh, of about `quality.faces` triangles: a coarse mesh sets its tolerance."""
         assert self.sliced is not None
         coarse = CANDIDATES.coarse_tolerance * self.sliced.surface.size
         first = self.sliced.mesh(coarse)
@@ -172,17 +172,17 @@ class Candidates:
 
 
 def shape_model(
-    goal: Goal,  # Who asked for it
-    candidates: Candidates,  # What was fitted; neither if there was nothing to rebuild
-    solid: AnySolid | None,  # The one of these that is published
-    predicted: Mapping[str, Floats],  # Mean square distances of new touches, by method, m^2
-    untouched: UntouchedPlaces,  # Where pads touched nothing, far from all touches
-    quality: Quality | None = None,  # Of the mesh, if it is the final one
-    step: Steps = no_steps,  # Told which step begins
-    rejected: tuple[str, ...] = (),  # Solids that were rejected instead, and why
-    mistaken: float = 0.0,  # Error if the object lay in another way that fits as well, m
+    goal: Goal,  # request for the model
+    candidates: Candidates,  # fitted solids; there are none if there was nothing to rebuild
+    solid: AnySolid | None,  # the published candidate
+    predicted: Mapping[str, Floats],  # mean square distances of new touches, by method [m^2]
+    untouched: UntouchedPlaces,  # where pads touched nothing, far from all touches
+    quality: Quality | None = None,  # of the final mesh; None for a coarse mesh
+    step: Steps = no_steps,  # measures the time of each step
+    rejected: tuple[str, ...] = (),  # rejected solids, with reasons
+    mistaken: float = 0.0,  # rms error if an alternative pose of the object is the true one [m]
 ) -> types.ShapeModel:
-    """The message for the solid that predicts better."""
+    """The message for the published solid."""
     dropped = _dropped(candidates, len(goal.contours))
     final, missing = is_final(goal), 0.0
     parts: dict[str, Any] = {"vertices": np.zeros((0, 3)), "faces": np.zeros((0, 3), np.int32)}
@@ -203,11 +203,11 @@ def shape_model(
         touches=goal.touches,
         robot_time=goal.robot_time,
         method=candidates.method if solid is candidates.sliced else "general",
-        predicted={name: float(np.sqrt(found.mean())) for name, found in predicted.items()},
+        predicted={name: float(np.sqrt(squares.mean())) for name, squares in predicted.items()},
         dropped=tuple(goal.contours[which] for which in dropped),
         dropped_reasons=tuple(dropped.values()),
         missing=missing,
-        placements=np.reshape([one.array for one in candidates.poses], (-1, 7)),
+        placements=np.reshape([pose.array for pose in candidates.poses], (-1, 7)),
         placement_errors=np.array(candidates.placements.errors, np.float64),
         placement_faults=(*candidates.placements.faults, *candidates.placements.lost),
         openings=_openings(np.concatenate([untouched.openings, untouched.hanging]), volume),
@@ -223,7 +223,7 @@ def shape_model(
 
 
 def _deviations(solid: AnySolid | None, candidates: Candidates, step: Steps) -> dict[str, Any]:
-    """Standard deviation of the surface and of its ends; null where the method states none."""
+    """Standard deviations of the surface and its ends [m]; None if the method states none."""
     if candidates.method == "thesis":
         return {"deviation": None}
     if not isinstance(solid, LatticeSolid):
@@ -235,23 +235,23 @@ def _deviations(solid: AnySolid | None, candidates: Candidates, step: Steps) -> 
 
 
 def _dropped(candidates: Candidates, count: int) -> dict[int, str]:
-    """Which of so many contours were not used, and why."""
+    """Indices of unused contours, of `count` in all, with reasons."""
     if candidates.sliced is not None:
-        return {one.which: one.why for one in candidates.sliced.slices.dropped}
+        return {dropped.which: dropped.why for dropped in candidates.sliced.slices.dropped}
     return dict.fromkeys(range(count), candidates.why) if candidates.why else {}
 
 
 def _volume(parts: Mapping[str, Any], candidates: Candidates) -> MeshVolume:
-    """What a model's mesh encloses: the candidates' own if it is theirs."""
+    """The volume of a model's mesh; that of the candidates is used if it has the same mesh."""
     if candidates.sliced is not None and parts["faces"] is candidates.volume.mesh.faces:
         return candidates.volume
     return MeshVolume(Mesh(parts["vertices"], parts["faces"]))
 
 
 def _openings(untouched: Floats, volume: MeshVolume) -> Floats:
-    """Places (k, 3) of those without touch where a solid would have been touched, m.
+    """Untouched places (k, 3) that lie inside a solid [m].
 
-    It is hollow there: else it would be, for the pad has been where the solid is said to be.
+    The object is hollow there: the pad was at these places and met nothing.
     """
     if not len(untouched) or not len(volume.mesh.faces):
         return np.zeros((0, 3))
@@ -261,7 +261,7 @@ def _openings(untouched: Floats, volume: MeshVolume) -> Floats:
 def _errors(
     vertices: Floats, candidates: Candidates, untouched: UntouchedPlaces, step: Steps
 ) -> dict[str, Any]:
-    """Distance from touch at each vertex, and the error that it lets expect, if that is known."""
+    """At each vertex: distance from touches, expected error and its bound; empty if unknown [m]."""
     touched, general = candidates.touched, candidates.general
     if not len(touched.points) and general is not None:
         touched = general.solid.contacts  # of the hand
@@ -269,7 +269,7 @@ def _errors(
         return {}
     with step("bound"):
         distances = touch_distances(touched, vertices)
-        errors = bounds = np.zeros_like(distances)  # slices tell of theirs by height
+        errors = bounds = np.zeros_like(distances)  # errors of slices are stated by height
         if general is not None:
             errors, bounds = general.solid.expected_errors(vertices)
             bounds = np.maximum(bounds, untouched.slopes_at(vertices) * distances)
@@ -277,7 +277,7 @@ def _errors(
 
 
 def _checked(vertices: Floats, faces: Ints, step: Steps) -> dict[str, Any]:
-    """What kind of surface the final mesh is, before anybody writes it."""
+    """Closedness, genus and self-crossings of the final mesh; empty without faces."""
     if not len(faces):
         return {}
     with step("mesh"):
@@ -290,21 +290,21 @@ def _general_parts(solid: GeneralSolid, quality: Quality | None, step: Steps) ->
     with step("mesh"):
         mesh = solid.rough_mesh
         if quality is not None:
-            most = int(np.sqrt(quality.faces / max(len(mesh.faces), 1)))
-            mesh = solid.mesh(min(max(most, quality.parts), CANDIDATES.max_parts))
+            parts = int(np.sqrt(quality.faces / max(len(mesh.faces), 1)))
+            mesh = solid.mesh(min(max(parts, quality.parts), CANDIDATES.max_parts))
     health = _rounded(solid.health())
     return {"vertices": mesh.vertices, "faces": mesh.faces, "health": health}
 
 
 def _rounded(health: Mapping[str, float]) -> dict[str, float]:
-    """To digits that do not depend on the machine, so that bodies do not."""
+    """Figures with two digits, which are the same on all machines, as messages must be."""
     return {name: float(f"{value:.2g}") for name, value in health.items()}
 
 
 def _parts(
     solid: LatticeSolid, candidates: Candidates, quality: Quality | None, step: Steps
 ) -> dict[str, Any]:
-    """Everything of a model that is the solid's; without a quality its mesh is coarse."""
+    """Fields of a model that describe a solid in slices; without `quality` its mesh is coarse."""
     lattice: dict[str, Floats] = {}
     with step("mesh"):
         mesh = candidates.volume.mesh if quality is None else candidates.final_mesh(quality)
@@ -324,9 +324,9 @@ def _parts(
 def coarse_model(
     number: int, contacts: Floats, *, three_shapes: bool = False
 ) -> types.Superquadric:
-    """The message for the superquadric through contacts (n, 3), m.
+    """The message for the superquadric fitted to contacts (n, 3) [m].
 
-    `three_shapes`: the best of a sphere, a box and a cylinder, neither tapered nor bent.
+    `three_shapes`: fit the best of a sphere, a box and a cylinder, neither tapered nor bent.
     """
     if three_shapes:
         fitted = recover(contacts, choice="thesis", noise=SENSING.contact_error)

@@ -1,7 +1,7 @@
-"""Solids of a set of what the reconstructor has received.
+"""Fits of the solids of a set of contours, probes and touches.
 
-They are fitted as a whole, or continued from those of the set before it. A fit depends on the sets
-alone, in the order of their numbers: one that is not kept is made anew.
+A solid is fitted to the whole set, or continued from the solid of the set before. It depends only
+on the sets in the order of their numbers, so a solid that is not kept can be fitted again.
 """
 
 from __future__ import annotations
@@ -52,31 +52,31 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RefitSettings:
-    """When solids are fitted again, and by what a method is chosen."""
+    """When general solids are fitted again, and how many sets decide between methods."""
 
-    n_sets: int = 3  # the last ones, whose predictions decide between methods
-    whole_ratio: float = 1.25  # times as many touches as at the last fit of the whole: fit again
-    anew_ratio: float = 3.0  # times as many as at the last fit from nothing: errors are not kept
+    n_sets: int = 3  # number of last sets whose predicted touches decide between methods
+    whole_ratio: float = 1.25  # of touches to those at the last complete fit, to fit all again
+    anew_ratio: float = 3.0  # of touches to those at the last fit without an earlier solid, for it
 
 
 REFITS = RefitSettings()
-# A draft misses touches where there is more to touch, and is continued beyond the outermost
-# contours while ends are unknown: that asks for slices, not for another kind of solid. So it may
-# reach far, and through what fingers have swept, beyond them.
+# A draft lies off touches where slices are missing, and is extrapolated beyond the outermost
+# contours while the ends are unknown. Both call for more slices, not for another kind of solid: so
+# all its touches may be off it, and before the final model it may also reach any distance.
 DRAFT = SoundnessSettings(max_contradicted=1.0)
 ON_THE_WAY = SoundnessSettings(max_contradicted=1.0, max_overhang=math.inf)
-MIN_UPRIGHT_COSINE = 1.0 - 1e-12  # Of the lean of an upright frame, rounding apart
-TOUCHED_OUTCOMES = ("hit", "bottomed")  # How a probe ended that met the object
+MIN_UPRIGHT_COSINE = 1.0 - 1e-12  # of the lean of an upright frame, with rounding errors
+TOUCHED_OUTCOMES = ("hit", "bottomed")  # outcomes of touches with contact
 
 
 def predicted_squares(state: State, goal: Goal, step: Steps) -> tuple[dict[str, Floats], bool]:
-    """Mean square distance of each of the last touches from the solids before it, by method, m^2.
+    """Mean square distances of the last touches from earlier solids, by method [m^2].
 
-    Those of the last `n_sets` different sets, each by the solids of the one before it; and whether
-    the better one is to be published: where a slice could not be traced, or slices make no solid.
+    The touches of each of the last `n_sets` different sets are predicted by the set before. Also
+    whether they decide what is published: a slice was not traced, or slices make no solid.
     """
     squares: dict[str, list[Floats]] = {"lattice": [], "general": []}
-    later, sets, enough = goal, 0, False
+    later, n_sets, has_choice = goal, 0, False
     seen = seen_state(state, goal, step)
     for before in reversed(state.history):
         since = touched_since(seen, before, later)
@@ -84,48 +84,48 @@ def predicted_squares(state: State, goal: Goal, step: Steps) -> tuple[dict[str, 
             continue
         touched = stack_points(since)
         fitted = fitted_solids(state, before, step)
-        known = fitted.sliced is None or goal.failed
-        if enough and not known:
+        is_open = fitted.sliced is None or goal.failed
+        if has_choice and not is_open:
             break
         for method, offsets in fitted.predicted(later.number, touched).items():
             squares[method].append(offsets)
-        later, sets, enough = before, sets + 1, known
-        if sets == REFITS.n_sets:
+        later, n_sets, has_choice = before, n_sets + 1, is_open
+        if n_sets == REFITS.n_sets:
             break
-    return {method: np.concatenate(parts) for method, parts in squares.items() if parts}, enough
+    return {method: np.concatenate(parts) for method, parts in squares.items() if parts}, has_choice
 
 
 def fitted_solids(state: State, goal: Goal, step: Steps) -> Candidates:
-    """The solids of a set: those that are kept, or else fitted anew."""
+    """The solids of a set, which are fitted if they are not kept."""
     if goal.number not in state.fitted:
         state.fitted[goal.number] = _candidates(state, goal, step)
     return state.fitted[goal.number]
 
 
 def seen_state(state: State, goal: Goal, step: Steps) -> State:
-    """What was received as if the object had not been turned over, as the solids of a set tell."""
+    """The state in the frame of the first placement, by the poses that a set's solids give."""
     return as_at_first(state, fitted_solids(state, goal, step).placements.poses)
 
 
 class Published(NamedTuple):
-    """What is sent of a set."""
+    """The solid of a set that is published, and its alternatives."""
 
-    candidates: Candidates  # Among which the solid is
-    solid: AnySolid | None  # None if nothing sound could be rebuilt
-    predicted: Mapping[str, Floats]  # As `predicted_squares` of the set
-    rejected: tuple[str, ...]  # Solids that were rejected instead, and why
+    candidates: Candidates  # include the published solid
+    solid: AnySolid | None  # None if no solid passes the checks
+    predicted: Mapping[str, Floats]  # mean squares by method, of `predicted_squares` [m^2]
+    rejected: tuple[str, ...]  # rejected solids, with reasons
 
 
 def published_solid(state: State, goal: Goal, step: Steps) -> Published:
-    """The solid of a set that predicts better; the last one before it if that alone is sound.
+    """The solid of a set with better predictions, or that of the set before if it is rejected.
 
-    With the method "thesis" it is that solid, unchecked.
+    With the method "thesis" it is the thesis's solid, without checks.
     """
     if state.method == "thesis":
         candidates = fitted_solids(state, goal, step)
         return Published(candidates, candidates.sliced, {}, ())
     chosen = _chosen(state, goal, step)
-    before = next((one for one in reversed(state.history) if one.number < goal.number), None)
+    before = next((set_ for set_ in reversed(state.history) if set_.number < goal.number), None)
     if chosen.solid is None:
         if not chosen.rejected or before is None:
             return chosen
@@ -146,7 +146,7 @@ def published_solid(state: State, goal: Goal, step: Steps) -> Published:
 
 
 def _lacking(published: Published, bound: float, step: Steps) -> tuple[str, ...]:
-    """Whether touches show a general solid to lack more than the bound allows."""
+    """A sentence if parts that a general solid lacks cause more error than the bound [m]."""
     solid = published.solid
     if solid is None or isinstance(solid, LatticeSolid):
         return ()
@@ -158,7 +158,7 @@ def _lacking(published: Published, bound: float, step: Steps) -> tuple[str, ...]
 def _departing(
     published: Published, draft: Published | None, bound: float, step: Steps
 ) -> tuple[str, ...]:
-    """Whether a solid lies farther from its draft than the bound allows."""
+    """A sentence if the rms distance of a solid from its draft exceeds the bound [m]."""
     if published.solid is None or draft is None or draft.solid is None:
         return ()
     with step("prediction"):
@@ -177,9 +177,10 @@ def _chosen(state: State, goal: Goal, step: Steps) -> Published:
 def _draft(
     state: State, goal: Goal, before: Goal | None, solid: AnySolid, step: Steps
 ) -> Published | None:
-    """What a final solid is held against: the last one before it, if it is of the same touches.
+    """The solid with which a final solid is compared.
 
-    Else a draft of its own slices; None for a general solid.
+    It is that of the set before if that has the same touches; else a draft of the final slices, or
+    None for a general solid.
     """
     if before is not None and set(touched_goals(before)) == set(touched_goals(goal)):
         return _chosen(state, before, step)
@@ -191,8 +192,8 @@ def _draft(
 
 
 def _candidates(state: State, goal: Goal, step: Steps) -> Candidates:
-    """The solids of a set, and how the object lay in each placement as far as they tell."""
-    before = next((one for one in reversed(state.history) if one.number < goal.number), None)
+    """The solids of a set, and the poses of the object that follow from them."""
+    before = next((set_ for set_ in reversed(state.history) if set_.number < goal.number), None)
     known = Placements() if before is None else fitted_solids(state, before, step).placements
     fitted = _fitted(state, known.poses, goal, step)
     if fitted.general is None or not placements_of(state):
@@ -203,72 +204,72 @@ def _candidates(state: State, goal: Goal, step: Steps) -> Candidates:
 
 
 def _fitted(state: State, poses: tuple[Pose, ...], goal: Goal, step: Steps) -> Candidates:
-    """The solids of a set; `poses`: of the object after each time that it was turned over."""
+    """The solids of a set; `poses`: of the object in the world after each turn."""
     seen = as_at_first(state, poses)
-    touched = [one for one in touched_points(seen, goal) if len(one.points)]
+    touched = [contacts for contacts in touched_points(seen, goal) if len(contacts.points)]
     if state.method == "thesis":
         return _by_thesis(state, goal, stack_points(touched), step)
     methods: tuple[Method, ...] = ("lattice", "draft") if is_final(goal) else ("draft",)
-    alone = _sliced(state, goal, stack_points(touched), methods, step)
-    if alone.sliced is not None and not goal.failed:
-        return alone
-    # Where the first slice met nothing, the hand's contacts alone show where to touch.
+    by_slices = _sliced(state, goal, stack_points(touched), methods, step)
+    if by_slices.sliced is not None and not goal.failed:
+        return by_slices
+    # If the first slice met nothing, a solid of the hand's contacts shows where to touch.
     if not touched and not (goal.failed and closings_in(state, goal, 0)):
-        return alone
+        return by_slices
     general = _general(state, poses, goal, step)
     if general is None:
-        return replace(alone, why="all touches lie in one plane")
-    if not is_final(goal):  # a planner goes on by it, and finds out where it is wrong
-        return replace(alone, general=general)
+        return replace(by_slices, why="all touches lie in one plane")
+    if not is_final(goal):  # it is not checked: the planner touches it where it may be wrong
+        return replace(by_slices, general=general)
     space = None if state.space is None else known_space(seen, goal)
-    faults = faults_of(MeshVolume(general.solid.rough_mesh), None, alone.touched, space)
+    faults = faults_of(MeshVolume(general.solid.rough_mesh), None, by_slices.touched, space)
     if faults:
         reasons = tuple(f"the general solid: {fault}" for fault in faults)
-        return replace(alone, rejected=(*alone.rejected, *reasons))
-    return replace(alone, general=general)
+        return replace(by_slices, rejected=(*by_slices.rejected, *reasons))
+    return replace(by_slices, general=general)
 
 
 def _sliced(
     state: State, goal: Goal, touched: ContactPoints, methods: Sequence[Method], step: Steps
 ) -> Candidates:
-    """The solid of the slices by the first method whose solid nothing contradicts."""
-    alone = Candidates(None, None, touched)
+    """The solid in slices by the first of the methods whose solid passes all checks."""
+    failed = Candidates(None, None, touched)
     if not goal.contours or goal.general:
-        return alone
+        return failed
     space = None if state.space is None else known_space(state, goal)
     for method in methods:
         try:
             solid = _rebuild(state, goal, method, step)
-        except ValueError as error:  # what was touched is no solid: a result, not a fault
-            return replace(alone, why=str(error))
-        sliced_only = replace(alone, sliced=solid, why="")
+        except ValueError as error:  # the contours make no solid: a result, not a fault
+            return replace(failed, why=str(error))
+        sliced_only = replace(failed, sliced=solid, why="")
         with step("bound"):
             deviation = solid.whole_deviation()
         settings = SoundnessSettings() if method == "lattice" else DRAFT
         settings = settings if is_final(goal) else ON_THE_WAY
         deviation_of_whole = deviation and deviation.whole
-        swept = None if space is None or is_final(goal) else _between(state, goal, space)
+        swept = None if space is None or is_final(goal) else _swept_between(state, goal, space)
         faults = faults_of(sliced_only.volume, deviation_of_whole, touched, space, settings, swept)
         if not faults:
             return sliced_only
         reasons = tuple(f"the {method} of its slices: {fault}" for fault in faults)
-        alone = replace(alone, why="; ".join(faults), rejected=(*alone.rejected, *reasons))
-    return alone
+        failed = replace(failed, why="; ".join(faults), rejected=(*failed.rejected, *reasons))
+    return failed
 
 
 def _by_thesis(state: State, goal: Goal, touched: ContactPoints, step: Steps) -> Candidates:
     """The thesis's solid of the contours, not checked against touches."""
-    alone = Candidates(None, None, touched, method="thesis")
+    failed = Candidates(None, None, touched, method="thesis")
     if not goal.contours:
-        return alone
+        return failed
     try:
-        return replace(alone, sliced=_rebuild(state, goal, "thesis", step))
+        return replace(failed, sliced=_rebuild(state, goal, "thesis", step))
     except ValueError as error:
-        # Few contours make no solid yet; only in the end that is a fault of theirs.
-        return replace(alone, why=str(error)) if is_final(goal) else alone
+        # A few contours make no solid yet; that is reported only for the final model.
+        return replace(failed, why=str(error)) if is_final(goal) else failed
 
 
-def _between(state: State, goal: Goal, space: SpaceMap) -> Floats:
+def _swept_between(state: State, goal: Goal, space: SpaceMap) -> Floats:
     """The places (n, 3) that fingers have swept between the outermost contours [m]."""
     contours = [state.contours[id_] for id_ in goal.contours]
     swept = space.free_places()
@@ -282,7 +283,7 @@ def _general(
 ) -> FittedGeneral | None:
     """The general solid of all touches; None if they lie in one plane.
 
-    It goes on from that of the set before where it can, else it is fitted from nothing.
+    It continues the solid of the set before if possible; otherwise it is fitted without one.
     """
     seen = as_at_first(state, poses)
     touched = touches_since(seen, (), goal)
@@ -291,40 +292,40 @@ def _general(
         continued = _continued(seen, goal, *earlier, len(touched), step)
         if continued is not None:
             return continued
-    # Of objects that slices tell of, nobody waits for these imports.
+    # Imported late: objects with a solid in slices do not need it.
     from palpate.core.rebuild.general import is_flat
 
     grasped = contacts_in(state, goal, poses, {number for _, number in touched} | {0})
     parts = [*grasped, *touched]
-    evidence = stack_points([one for one, _ in parts])
+    evidence = stack_points([contacts for contacts, _ in parts])
     if is_flat(evidence.points):
         return None
-    of_touch = np.concatenate([np.full(int(one.touch.max()) + 1, at) for one, at in parts])
-    below = None
-    if of_touch.any() and earlier is not None:
-        below = earlier[1].underside
-        below = underside_of(earlier[1].solid) if below is None else below
-    solid = _fit_general(seen, goal, evidence, of_touch.astype(np.int32), None, below, step)
+    placement = np.concatenate([np.full(int(part.touch.max()) + 1, n) for part, n in parts])
+    underside = None
+    if placement.any() and earlier is not None:
+        underside = earlier[1].underside
+        underside = underside_of(earlier[1].solid) if underside is None else underside
+    solid = _fit_general(seen, goal, evidence, placement.astype(np.int32), None, underside, step)
     count = len(touched)
-    return FittedGeneral(solid, count, count, below)
+    return FittedGeneral(solid, count, count, underside)
 
 
 def _continued(
     seen: State, goal: Goal, earlier: Goal, before: FittedGeneral, count: int, step: Steps
 ) -> FittedGeneral | None:
-    """The general solid of the set before, gone on with; None where it must be fitted anew.
+    """The general solid of the set before, continued; None if it must be fitted without one.
 
-    With a few touches within its cells each is taken up where it lies, else all of it is fitted
-    again. `count`: of all touches.
+    A few further touches within its cells are added one by one, each by a local fit; otherwise all
+    coefficients are fitted again. `count`: number of all touches.
     """
     more = touches_since(seen, touched_goals(earlier), goal)
-    # What the hand met in a placement counts from its first touch on.
+    # A placement that is new to the solid also brings contacts of the hand: fit without it.
     known = {int(number) for number in before.solid.placements_of_touches}
     if not {number for _, number in more} <= known:
         return None
-    few = count <= REFITS.whole_ratio * before.whole and goal.missed == earlier.missed
-    covered = all(before.solid.covers(one.points) for one, _ in more)
-    if few and covered and not is_final(goal):
+    is_few = count <= REFITS.whole_ratio * before.whole and goal.missed == earlier.missed
+    is_covered = all(before.solid.covers(contacts.points) for contacts, _ in more)
+    if is_few and is_covered and not is_final(goal):
         with step("implicit spline"):
             solid = before.solid
             for touch, placement in more:
@@ -332,16 +333,16 @@ def _continued(
         return before._replace(solid=solid)
     if count > REFITS.anew_ratio * before.anew:
         return None
-    evidence = stack_points([before.solid.contacts, *(one for one, _ in more)])
-    first, below = before.solid.placements_of_touches, before.underside
-    of_touch = np.array([*first, *(number for _, number in more)], np.int32)
-    solid = _fit_general(seen, goal, evidence, of_touch, before.solid, below, step)
-    return FittedGeneral(solid, count, before.anew, below)
+    evidence = stack_points([before.solid.contacts, *(contacts for contacts, _ in more)])
+    first, underside = before.solid.placements_of_touches, before.underside
+    placements = np.array([*first, *(number for _, number in more)], np.int32)
+    solid = _fit_general(seen, goal, evidence, placements, before.solid, underside, step)
+    return FittedGeneral(solid, count, before.anew, underside)
 
 
 def _earlier(state: State, goal: Goal, step: Steps) -> tuple[Goal, FittedGeneral] | None:
-    """The set before with its general solid, if all of its touches count for this one as well."""
-    before = next((one for one in reversed(state.history) if one.number < goal.number), None)
+    """The set before and its general solid, if this set contains all touches of that set."""
+    before = next((set_ for set_ in reversed(state.history) if set_.number < goal.number), None)
     if before is None or len(closings_in(state, before, 0)) != len(closings_in(state, goal, 0)):
         return None
     if not set(touched_goals(before)) <= set(touched_goals(goal)):
@@ -364,7 +365,7 @@ def _fit_general(
     space = known_space(seen, goal)
     free, platform = space.free_places(), seen.platform
     if placement.any() and platform is not None:
-        # What it stood on at first is surface like all other; below it there was nothing.
+        # The face on which it stood at first can be touched now; the space below it was free.
         free, platform = np.concatenate([free, space.below(evidence.points)]), None
     return general.rebuild_general(
         evidence,
@@ -393,17 +394,17 @@ def _rebuild(state: State, goal: Goal, method: Method, step: Steps) -> LatticeSo
 
 
 def rebuild_set(
-    contours: Sequence[types.Contour],  # At least one
-    probes: Sequence[types.Probe],  # Single touches beside them
-    # What each touch of these measured, and of unfinished contours, by the goal's number
+    contours: Sequence[types.Contour],  # at least one
+    probes: Sequence[types.Probe],  # single touches
+    # Contacts of each touch of contours, probes and unfinished contours, by number of the goal.
     touched: Mapping[int, Sequence[ContactPoints]],
-    platform: float | None,  # Height on which the object stands, m; None if it is held
+    platform: float | None,  # height on which the object stands [m]; None if it is held
     method: Method = "lattice",
-    step: Steps = no_steps,  # Told which step begins
+    step: Steps = no_steps,  # measures the time of each step
 ) -> LatticeSolid:
-    """The solid of a set; ValueError unless traced in one frame, or as `reconstruct` does."""
+    """The solid of a set; ValueError if its contours have several frames, or of `reconstruct`."""
     frame = common_frame(contours)
-    points = [each for of_goal in touched.values() for each in of_goal]
+    points = [contacts for of_goal in touched.values() for contacts in of_goal]
     return reconstruct(
         [contour.points for contour in contours],
         patches=stack_points(points),
@@ -427,7 +428,7 @@ def common_frame(contours: Sequence[types.Contour]) -> Floats:
 
 
 def is_upright(frame: Floats) -> bool:
-    """Whether heights in a frame are the world's, so that an object stands on its lower end."""
+    """Whether the z axis of a frame is the world's, so that an object stands on its lower end."""
     return bool(Pose.from_array(frame).axes[2, 2] >= MIN_UPRIGHT_COSINE)
 
 
@@ -437,10 +438,10 @@ def touched_ends(
     touched: Mapping[int, Sequence[ContactPoints]],
     platform: float | None,
 ) -> Floats | None:
-    """Where the ends of an object were touched, (k, 3), m; None if they were not.
+    """Contacts (k, 3) of the ends of an object [m]; None if there are none.
 
-    Arguments are as for `rebuild_set`; of probes of which nothing else is known, their own point
-    counts. A known height on which the object stands is a touch of its lower end if it is upright.
+    Arguments are those of `rebuild_set`; a probe without contacts in `touched` has its own point.
+    In an upright frame, a known height of the platform counts as a contact of the lower end.
 
     Raises ValueError if the contours were not traced in one frame.
     """
@@ -457,7 +458,7 @@ def _probed(
     touched: Mapping[int, Sequence[ContactPoints]],
     frame: Floats,
 ) -> Iterator[Floats]:
-    """Farthest point (3,) of each probe that touched an end: beyond the contours."""
+    """Farthest contact (3,) of each probe that touched an end, beyond the outermost contours."""
     position, axes = Pose.from_array(frame)
     levels = [contour.height for contour in contours]
     low, high = min(levels), max(levels)
@@ -465,7 +466,7 @@ def _probed(
         if probe.outcome not in TOUCHED_OUTCOMES:
             continue
         side = 1.0 if (probe.point - position) @ axes[:, 2] > 0.5 * (low + high) else -1.0
-        parts = [one.points for one in touched.get(probe.id, ()) if len(one.points)]
+        parts = [part.points for part in touched.get(probe.id, ()) if len(part.points)]
         points = np.concatenate(parts) if parts else probe.point[None]
         reached = side * (points - position) @ axes[:, 2]
         if reached.max() > max(side * low, side * high):

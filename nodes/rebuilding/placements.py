@@ -1,4 +1,4 @@
-"""How the object lay after each time that it was turned over, as contacts and touches tell."""
+"""Poses of the object after each time that it was turned over, from contacts and touches."""
 
 from __future__ import annotations
 
@@ -34,21 +34,21 @@ from palpate.nodes.rebuilding.received import (
 class LocatingSettings:
     """How placements are estimated and reported."""
 
-    places: int = 12_000  # of the solid's surface, onto which contacts are brought
-    most_touches: int = 96  # that tell of a placement of which no hand has told
-    standing: float = 0.2e-3  # [m] faces lower than this over the platform are the underside
-    underside_area: float = 12.0e-6  # [m^2] for which one place of the underside stands
-    mistaken_places: int = 2_000  # at which the solid is compared with itself, turned
-    # Error of a place that is much bent, of a cell for each radian: the spline rounds edges off.
+    places: int = 12_000  # sampled points of the solid's surface, to which contacts are registered
+    most_touches: int = 96  # maximum number of touches used where no hand made contacts
+    standing: float = 0.2e-3  # height over the platform below which faces are the underside [m]
+    underside_area: float = 12.0e-6  # area of the underside for each sampled point [m^2]
+    mistaken_places: int = 2_000  # sampled points for comparing the solid with itself, turned
+    # Error of a point where the surface bends, since the spline rounds edges off [cells/rad].
     blunt: float = 0.25
-    otherwise: float = math.radians(10.0)  # [rad] a larger lean from what was asked is told
+    otherwise: float = math.radians(10.0)  # lean from the requested pose that is reported [rad]
 
 
 LOCATING = LocatingSettings()
 
 
 def underside_of(solid: GeneralSolid) -> Floats:
-    """Places (k, 3) evenly over what a solid stands on; none if it is held."""
+    """Points (k, 3) sampled on the faces on which a solid stands [m]; none if it is held."""
     mesh = solid.rough_mesh
     corners = mesh.vertices[mesh.faces]
     standing = corners[:, :, 2].max(axis=1) <= (solid.platform or 0.0) + LOCATING.standing
@@ -60,7 +60,7 @@ def underside_of(solid: GeneralSolid) -> Floats:
 
 
 def located(state: State, goal: Goal, solid: GeneralSolid, known: Placements) -> Placements:
-    """The placements with those since, as far as the hand tells, or touches where it was none's."""
+    """The known placements and later ones, from contacts of the hand, or from touches without."""
     poses, errors, faults, alternatives = map(list[Any], known[:4])
     lost = tuple[str, ...]()
     for number in range(len(poses) + 1, placements_of(state) + 1):
@@ -73,7 +73,7 @@ def located(state: State, goal: Goal, solid: GeneralSolid, known: Placements) ->
         contacts, who = stack_points(closings), "touches" if asked is None else "contacts"
         placement = _place(solid, contacts, asked, state.platform)
         if placement is None:
-            lost = (f"its {len(contacts.points)} {who} fit the solid nowhere",)
+            lost = (f"its {len(contacts.points)} {who} fit the solid in no pose",)
             break
         faults += _sentences(placement, asked, who)
         poses.append(placement.pose)
@@ -90,38 +90,38 @@ def _place(
     from palpate.core.rebuild.general import protrusions
 
     assert contacts.normals is not None
-    mesh = solid.mesh(solid.rough_parts)  # with its edges, at which hands often meet it
+    mesh = solid.mesh(solid.rough_parts)  # with sharp edges, where contacts of hands often lie
     corners = mesh.vertices[mesh.faces]
     places, faces = sample_surface(corners, LOCATING.places, np.random.default_rng(0))
     bends = np.where(solid.is_sharp(places), 0.0, solid.bends(places))
     errors = np.hypot(solid.expected_errors(places)[0], LOCATING.blunt * solid.cell * bends)
-    # What rises over the hull of all that was touched may not be there.
+    # Parts that protrude from the convex hull of all contacts may not exist.
     errors = np.hypot(errors, protrusions(solid.contacts.points, places))
     surface = KnownSurface(places, areas_and_normals(corners)[1][faces], errors)
     resting = RestingSolid(mesh.vertices, mesh.faces)
-    met = contacts.points, contacts.normals
-    return place_object(surface, resting, *met, None if asked is None else asked.axes, platform)
+    data = contacts.points, contacts.normals
+    return place_object(surface, resting, *data, None if asked is None else asked.axes, platform)
 
 
 def _sentences(placement: Placement, asked: Pose | None, who: str) -> list[str]:
-    """What a person should know of a placement, a sentence each."""
+    """Warnings about a placement for the user, a sentence each."""
     sentences, lean = [], 0.0
     if asked is not None:
         lean = float(np.arccos(np.clip(placement.pose.axes[2] @ asked.axes[2], -1.0, 1.0)))
     if lean > LOCATING.otherwise:
-        sentences.append(f"it lies {math.degrees(lean):.0f} degrees otherwise than asked")
+        sentences.append(f"it leans {math.degrees(lean):.0f} degrees from the requested pose")
     if placement.alternatives:
         sentences.append(
-            f"its {who} fit {len(placement.alternatives) + 1} ways to lie: it looks alike"
+            f"its {who} fit {len(placement.alternatives) + 1} poses: which is true is unknown"
         )
     return sentences
 
 
 def mistaken_error(solid: GeneralSolid, placements: Placements) -> float:
-    """Root mean square error if it lay in another way that fits as well, the worst of them [m].
+    """Largest root mean square error if an alternative pose of the object is the true one [m].
 
-    An object that looks alike from there is the same then, but for what was touched since: by how
-    much it differs from itself, over what both may be off by themselves.
+    The solid is compared with itself after the motion from one pose to the other; the mean square
+    of the expected errors of both is subtracted from that of the distances.
     """
     if not any(placements.alternatives):
         return 0.0

@@ -1,7 +1,7 @@
-"""Whether a solid may leave the reconstructor: what was touched and swept must not contradict it.
+"""Checks of a solid before it is published: touches and swept space must not contradict it.
 
-A final solid must also lie as near to the last solid on the way as the error bound says that was
-stated for that one; otherwise the bound would hold for neither.
+The rms distance of a final solid from the last draft must also be within the error bound that was
+stated for the draft; otherwise the bound may be wrong for both.
 """
 
 from __future__ import annotations
@@ -30,22 +30,22 @@ from palpate.nodes.rebuilding.volume import MeshVolume
 
 @dataclass(frozen=True, slots=True)
 class SoundnessSettings:
-    """What a solid may contradict before it is rejected.
+    """Limits beyond which a solid is rejected; larger values accept more solids.
 
-    Single touches err, for a pad bridges hollows and edges: so a solid is rejected for a share of
-    them. The offset is compared with the solid's own stated deviation.
+    A single touch may be wrong, since a pad bridges hollows and edges; so a solid is rejected only
+    if a share of the touches contradicts it.
     """
 
-    # Fraction of the touched extent; an end may go on where untouched; infinite: no limit, nor that
-    # of the explored space.
+    # How far the solid may reach beyond the contacts [fraction of their largest extent]. If it is
+    # infinite, the solid may also reach beyond the explored space.
     max_overhang: float = 0.5
-    max_swept_depth: float = 5.0e-3  # [m] depth inside the solid at which a finger has been
-    min_touch_offset: float = 1.0e-3  # [m] distance of a touch from the surface that is tolerated
-    max_deviations: float = 6.0  # of the solid's stated deviation: the same
-    max_contradicted: float = 0.05  # fraction of the touches that may lie farther off
-    max_missing_offset: float = 5.0e-3  # [m] a touch farther off has met surface that is missing,
-    touched_area: float = 1.0e-4  # [m^2] and this much of it
-    n_samples: int = 4000  # places of each surface at which two solids are compared
+    max_swept_depth: float = 5.0e-3  # depth inside the solid to which a finger may have swept [m]
+    min_touch_offset: float = 1.0e-3  # rms distance from the surface that any touch may have [m]
+    max_deviations: float = 6.0  # allowed distance of a touch, if larger [stated deviations]
+    max_contradicted: float = 0.05  # fraction of the touches that may lie farther off than both
+    max_missing_offset: float = 5.0e-3  # beyond this distance a touch shows missing surface [m]
+    touched_area: float = 1.0e-4  # area of missing surface that each such touch stands for [m^2]
+    n_samples: int = 4000  # sampled points of each surface when two solids are compared
 
 
 def faults_of(
@@ -56,11 +56,11 @@ def faults_of(
     settings: SoundnessSettings = SoundnessSettings(),
     swept: Floats | None = None,
 ) -> tuple[str, ...]:
-    """What contradicts a solid, a sentence each; empty if nothing does.
+    """Contradictions between a solid and the measurements, a sentence each; empty if none.
 
-    `deviation`: standard deviation that the solid states of itself [m], None if it states none.
-    `touched`: all that touched it. `space`: what fingers have swept; None where nobody knows.
-    `swept`: the places (n, 3) of these that count [m]; None for all.
+    `deviation`: stated standard deviation of the surface [m]; None if there is none. `touched`: all
+    contacts. `space`: map of the swept space; None if unknown. `swept`: swept places (n, 3) that
+    must lie outside the solid [m]; None for all places of `space`.
     """
     if swept is None:
         swept = np.zeros((0, 3)) if space is None else space.free_places()
@@ -94,13 +94,13 @@ def _faults(
 def _overhang(
     vertices: Floats, points: Floats, space: SpaceMap | None, settings: SoundnessSettings
 ) -> float:
-    """How far vertices (n, 3) reach beyond what was touched, or a finger's reach [m]; 0 if not."""
+    """Distance of vertices (n, 3) beyond the allowed box around contacts or the map [m], or 0."""
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     beyond = [0.0]
     if len(points):
-        least, most = points.min(axis=0), points.max(axis=0)
-        margin = settings.max_overhang * float((most - least).max())
-        beyond += [float((least - margin - low).max()), float((high - most - margin).max())]
+        lower, upper = points.min(axis=0), points.max(axis=0)
+        margin = settings.max_overhang * float((upper - lower).max())
+        beyond += [float((lower - margin - low).max()), float((high - upper - margin).max())]
     if space is not None:
         top = space.low + space.step * np.array(space.states.shape)
         beyond += [float((space.low - space.step - low).max()), float((high - top).max())]
@@ -108,7 +108,7 @@ def _overhang(
 
 
 def _is_swept(volume: MeshVolume, swept: Floats, settings: SoundnessSettings) -> bool:
-    """Whether a finger has been deep inside a solid, which is then hollow there."""
+    """Whether a finger has swept places deep inside the solid, which contradicts it."""
     deep, vertices = settings.max_swept_depth, volume.mesh.vertices
     low, high = vertices.min(axis=0) + deep, vertices.max(axis=0) - deep
     inner = swept[((swept > low) & (swept < high)).all(axis=1)]
@@ -116,7 +116,7 @@ def _is_swept(volume: MeshVolume, swept: Floats, settings: SoundnessSettings) ->
 
 
 def _contradicted(volume: MeshVolume, touched: ContactPoints, allowed: float) -> float:
-    """Share of the touches whose points lie farther from the surface, root mean square [m]."""
+    """Share of the touches with an rms distance from the surface above `allowed` [m]."""
     if not len(touched.points):
         return 0.0
     off = nearest_points(volume.search, touched.points).distances
@@ -128,9 +128,9 @@ def missing_error(
     touched: ContactPoints,
     settings: SoundnessSettings = SoundnessSettings(),
 ) -> float:
-    """Root mean square error that surface makes which a solid lacks, over all of it [m].
+    """Root mean square error over the whole surface that missing parts of a solid cause [m].
 
-    Distances from the solid tell nothing of a part that it has not; touches far off it do.
+    The expected errors of a solid do not cover parts that it lacks; touches far from it show them.
     """
     if not len(touched.points) or not len(volume.mesh.faces):
         return 0.0
@@ -148,13 +148,13 @@ def missing_error(
 
 
 def lacks(volume: MeshVolume, touched: ContactPoints, bound: float) -> tuple[str, ...]:
-    """Whether touches show a solid to lack more than its error bound [m] allows, in a sentence."""
+    """A sentence if the error of missing parts exceeds the error bound [m]; empty if not."""
     missing = missing_error(volume, touched)
     if missing <= bound:
         return ()
     return (
-        f"touches show that it lacks surface of {1e3 * missing:.3g} mm rms, and the error bound is "
-        f"{1e3 * bound:.3g} mm",
+        f"touches show that missing parts cause an error of {1e3 * missing:.3g} mm rms, and the "
+        f"error bound is {1e3 * bound:.3g} mm",
     )
 
 
@@ -164,16 +164,16 @@ def departure(
     bound: float | None,
     settings: SoundnessSettings = SoundnessSettings(),
 ) -> tuple[str, ...]:
-    """Whether a solid lies farther from its draft than the bound stated for that [m] allows."""
+    """A sentence if the rms distance of a solid from its draft exceeds the draft's bound [m]."""
     if bound is None or not len(mesh.faces) or not len(draft.faces):
         return ()
     final, drafted = (
-        prepare_surface(each.vertices, each.faces, settings.n_samples) for each in (mesh, draft)
+        prepare_surface(solid.vertices, solid.faces, settings.n_samples) for solid in (mesh, draft)
     )
     rms = compare_surfaces(final, drafted).rms
     if rms <= bound:
         return ()
     return (
-        f"it lies {1e3 * rms:.3g} mm rms from the last model on the way, "
-        f"whose error bound is {1e3 * bound:.3g} mm",
+        f"its rms distance from the last draft is {1e3 * rms:.3g} mm, "
+        f"and the error bound of that is {1e3 * bound:.3g} mm",
     )

@@ -1,4 +1,4 @@
-"""What a closed mesh encloses: how deep places lie inside it."""
+"""The volume of a closed mesh, and depths of places inside it."""
 
 from __future__ import annotations
 
@@ -12,31 +12,31 @@ from palpate.core.geometry import NearestSearch, nearest_points, nearest_search
 from palpate.core.rebuild import surface
 from palpate.core.shapes import Mesh, TriangleShape
 
-UPWARD = np.array([0.0, 0.0, 1.0])  # Of rays out of a solid
-MAX_RAY = 1.0  # [m] no object is larger
+UPWARD = np.array([0.0, 0.0, 1.0])  # direction of rays that decide whether a place is inside
+MAX_RAY = 1.0  # length of rays [m]; no object is larger
 
 
 @dataclass(frozen=True, eq=False)
 class MeshVolume:
-    """What a closed mesh encloses."""
+    """The volume of a closed mesh."""
 
     mesh: Mesh | surface.SurfaceMesh
 
     @cached_property
     def search(self) -> NearestSearch:
-        """Of its nearest points."""
+        """Search structure for nearest points of the mesh."""
         return nearest_search(self.mesh.vertices[self.mesh.faces])
 
     @cached_property
     def shape(self) -> TriangleShape:
-        """The same, ready for rays."""
+        """The mesh as a shape for casting rays."""
         return TriangleShape(self.mesh.vertices, self.mesh.faces)
 
     def depths(self, places: Floats, min_face_cosine: float = 0.5) -> Floats:
-        """How deep places (n, 3) lie in it, (n,), m; 0 outside.
+        """Depths (n,) of places (n, 3) inside the mesh [m]; 0 outside.
 
-        A place above its nearest face, within the angle of `min_face_cosine` from the face's
-        normal, is outside. Only for the others, which may lie beside a crease, rays are cast.
+        A place is outside if the direction to it from its nearest point has a cosine above
+        `min_face_cosine` with the normal of that face. Rays decide on all other places.
         """
         depths = np.zeros(len(places))
         if not len(places):
@@ -46,8 +46,8 @@ class MeshVolume:
         normals = np.cross(edges[:, 0], edges[:, 1])
         over = np.einsum("ni,ni->n", places - nearest.points, normals)
         above = min_face_cosine * nearest.distances * np.linalg.norm(normals, axis=1)
-        left = np.flatnonzero(over <= above)
-        if len(left):
-            inside = left[np.isneginf(self.shape.cast(places[left], UPWARD, MAX_RAY))]
+        undecided = np.flatnonzero(over <= above)
+        if len(undecided):
+            inside = undecided[np.isneginf(self.shape.cast(places[undecided], UPWARD, MAX_RAY))]
             depths[inside] = nearest.distances[inside]
         return depths

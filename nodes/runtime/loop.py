@@ -49,10 +49,10 @@ Publication = Outgoing | Promise | Finished
 class LoopSettings:
     """Times of the loop of a node."""
 
-    heartbeat_period: float = 0.25  # of signs of life [s]
-    busy_period: float = 0.02  # of requests that are answered during long work [s]
-    flush_ms: int = 20  # without messages, after which a sink flushes
-    drain_time: float = 1.0  # in which a sink that ends writes arrived messages [s]
+    heartbeat_period: float = 0.25  # between signs of life; larger: hanging is noticed later [s]
+    busy_period: float = 0.02  # between answers to joining nodes during long work [s]
+    flush_ms: int = 20  # without messages, after which a sink writes its buffer [ms]
+    drain_time: float = 1.0  # that a sink may spend at its end on messages that have arrived [s]
 
     @property
     def idle_ms(self) -> int:

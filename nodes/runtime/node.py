@@ -19,8 +19,8 @@ from palpate.messages import Header
 from palpate.messages.types import ParameterEvent
 
 MAX_FINGERS = 8  # of a graph
-DEFAULT_HANDLER_TIMEOUT = 1.0  # processor time of a handler [s]
-MAX_VALUE_CHARS = 1000  # of a parameter, in JSON, that is set while its node runs
+DEFAULT_HANDLER_TIMEOUT = 1.0  # processor time of a handler, beyond which its node hangs [s]
+MAX_VALUE_CHARS = 1000  # of the JSON text of a parameter that is set while its node runs
 Finger = Annotated[int, Meta(ge=1, le=MAX_FINGERS)]  # number of a finger, or of fingers
 
 
@@ -196,7 +196,7 @@ class Wiring:
     host: str = ""  # address of its machine; empty: that of the launcher
     nice: int = 0  # of its process, 0 to 19: larger values leave the processor to others
     on_exit: OnExit = "restart"
-    handler_timeout: float = DEFAULT_HANDLER_TIMEOUT  # without a sign of life at work [s]
+    handler_timeout: float = DEFAULT_HANDLER_TIMEOUT  # beyond which the node hangs [s]
     persistent: bool = False  # whether its messages survive its death: it cannot make them again
     rate: float = 0.0  # robot time per wall time of its messages; 0: no delay
 

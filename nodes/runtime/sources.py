@@ -22,8 +22,8 @@ class SourceSettings:
 
     poll_period: float = 0.01  # after which a source without a message is asked again [s]
     spin_time: float = 1.5e-3  # final part of a wait without poll(), which resolves 1 ms [s]
-    sleep_overshoot: float = 3e-4  # by which a sleep may be too long [s]
-    max_batch: int = 64  # messages that are published before others are received
+    sleep_overshoot: float = 3e-4  # by which a sleep may be too long; busy-waited at its end [s]
+    max_batch: int = 64  # due messages that are published before control messages are read
 
 
 class SourceWork:

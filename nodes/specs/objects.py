@@ -51,7 +51,7 @@ class ReachSettings:
     """How the reach of the finger is fitted to the extents of an object."""
 
     mesh_level: int = 4  # subdivisions of the mesh for the extents, of 5k faces
-    reach_ratio: float = 1.25  # of the reach to the extent: the hand opens to 0.8 of the reach
+    reach_ratio: float = 1.25  # reach over extent of the object: the hand opens to 0.8 of the reach
     min_reach: float = 0.15  # [m]
     max_reach: float = 10.0  # [m]
 
@@ -130,9 +130,9 @@ class TermSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 
 class DentSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """depth exp(-sum of the terms): a dent where they are all small."""
+    """The summand depth * exp(-sum of the terms): a dent where all terms are small."""
 
-    depth: Annotated[float, Meta(ge=-100, le=100)]  # above 0 a dent, below 0 a bulge
+    depth: Annotated[float, Meta(ge=-100, le=100)]  # no unit; above 0 a dent, below 0 a bulge
     terms: Annotated[tuple[TermSpec, ...], Meta(min_length=1, max_length=24)]
 
 
@@ -244,7 +244,7 @@ PART_KINDS = (*SOLID_KINDS, "box", "polyhedron", "half_space", *COMBINATIONS, "c
 class LayerSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Deformation of one layer of a control lattice."""
 
-    scale: Annotated[float, Meta(gt=0, le=10)] = 1.0  # of the layer
+    scale: Annotated[float, Meta(gt=0, le=10)] = 1.0  # factor of the layer's size in x and y
     shift: tuple[Shift, Shift] = (0.0, 0.0)  # along x and y [m]
     turn: Annotated[float, Meta(ge=-180, le=180)] = 0.0  # about z [degrees]
 

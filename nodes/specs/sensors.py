@@ -29,10 +29,10 @@ EffectSpecs = dict[str, dict[str, Any]]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SensingSettings:
-    """Errors of contacts that are not stated by the sensor."""
+    """Measuring errors that the message on the sensor does not state."""
 
     contact_error: float = 0.1e-3  # standard deviation of a contact of the hand [m]
-    resolution_ratio: float = 0.01  # of the error of noiseless contour points to the pitch
+    resolution_ratio: float = 0.01  # of the error of contour points without noise to the pitch
 
 
 SENSING = SensingSettings()
