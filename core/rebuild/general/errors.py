@@ -1,23 +1,23 @@
-"""How far a general solid is off, by the distance from what was touched and by how it is bent.
+"""Expected errors of a general solid, by the distance from touched points and by its bend.
 
 The spline is the mean of a Gaussian process: its energy is the negative logarithm of a density, the
-inverse of its equations a covariance, displacements of the touches included. Draws from it tell how
-much the surface varies at places on it (Rue and Held, *Gaussian Markov random fields*, 2005, 2.3);
-averaged over places as far from every touched point they give an error by distance, which stays
-true when a touch is added. What the energy believes of an object may be wrong: it is as smooth or
-as rough everywhere, where objects have faces and edges. So errors grow with the bend of the surface
-about a place: as (1 + (k b)^2)^(1/2) with the angle b between normals that lie `bend_reach` apart.
-And all are scaled by how touches that are left out in turn are off, over how far they are expected
-to be: by the mean of the ratios, or by their median if that says more. No touch counts for much:
-those that alone know of an edge are far off, and say little of the rest.
+inverse of its equations is its covariance, including displacements of the touches. Draws from it
+have the variance of the surface at places on it (Rue and Held, *Gaussian Markov random fields*,
+2005, 2.3); its mean over places at the same distance from touched points is an error by distance,
+which holds when a touch is added. The prior is the same everywhere, but objects have flat faces and
+sharp edges. So errors grow with the bend of the surface about a place: by (1 + (k b)^2)^(1/2), with
+k the `bend_weight` and b the largest angle between the normals there and `bend_reach` beside it.
+All errors are then calibrated by touches that are left out in turn: squared errors are multiplied
+by the ratio of squared offsets to expected ones, its mean or, if larger, its scaled median. Each
+ratio is limited: a touch that is the only one on an edge is far off, and not typical of the rest.
 
-Where an object has many edges the energy moves whole faces, and all their touches with them, which
-no touch that is left out tells. But then touches seem displaced by more than the poses are said to
-be off: what they are displaced over that counts as an error of all places alike, and more at the
-edges, which a spline rounds off however many touches tell of them.
+On an object with many edges the fit can move whole faces together with all their touches, which
+touches that are left out cannot show. But then touches seem displaced by more than their pose
+error. The excess is a common error: it is added at all places, with a larger factor at edges, which
+a spline rounds off however many touches lie there.
 
-Touches that are left out lie far from the others. Where they agree better than usual the object is
-smoother than the energy believes, and errors grow less with the distance from touch.
+Touches that are left out lie far from the others. Where they agree better than usual, the object is
+smoother than the prior, and errors grow less with the distance from touched points.
 """
 
 from __future__ import annotations
@@ -44,41 +44,41 @@ from palpate.reprs import readable
 
 @dataclass(frozen=True, slots=True)
 class ErrorSettings:
-    """How errors are told.
+    """How expected errors and their bounds are computed.
 
-    What bends weigh was fitted to forty solids of nine scanned objects: over what distance alone
-    lets expect the errors were 0.7, 0.8, 0.9, 1.1, 1.3, 1.5, 2.1, 2.8 and 3.7 where the bend is
-    0.03, 0.08, 0.15, 0.25, 0.4, 0.5, 0.7, 0.9 and 1.2, whether of fruit, boxes, cans or padlocks.
+    `bend_weight` was fitted to forty solids of nine scanned objects (fruit, boxes, cans, padlocks):
+    the ratios of errors to those expected from the distance alone were 0.7, 0.8, 0.9, 1.1, 1.3,
+    1.5, 2.1, 2.8 and 3.7 at bends of 0.03, 0.08, 0.15, 0.25, 0.4, 0.5, 0.7, 0.9 and 1.2 [rad].
     """
 
-    n_draws: int = 32  # of the spline
-    min_slope: float = 0.3  # of the spline's gradient: a flatter one is no distance
-    max_value: float = 0.1  # [cells] of the spline, at places that count as on the surface
-    min_error: float = 10e-6  # [m] of a mesh beside its surface
-    growth: float = 0.5  # largest error, over the distance from touch
-    near: float = 0.7  # [cells] from touch: what counts as touched
-    bend_reach: float = 3e-3  # [m] along the surface, over which its bend is an angle
-    bend_weight: float = 4.1  # [1/rad] of a bend in the errors
-    bound_factor: float = 1.25  # of a bound, over the expected error
-    # What lies open is what is hard to reach: there bounds grow by 1 for each `open_growth` [m] of
-    # distance beyond `open_distance` [m], up to `max_open_factor` times.
-    open_distance: float = 2.5e-3
-    open_growth: float = 2.5e-3
-    max_open_factor: float = 1.5
-    # The common error grows between these bends to `edge_factor` times its value. Drawn boxes with
-    # sharp edges err by 0.25 to 0.4 mm there, even with 230 touches.
+    n_draws: int = 32  # random splines from which variances are estimated
+    min_slope: float = 0.3  # least norm of a gradient by which a value is divided for a distance
+    max_value: float = 0.1  # [cells] distance by the spline, up to which places are on the surface
+    min_error: float = 10e-6  # [m] error of a mesh of the surface, added in squares
+    growth: float = 0.5  # largest growth of the error per distance from touched points
+    near: float = 0.7  # [cells] from touched points, up to which places count as touched
+    bend_reach: float = 3e-3  # [m] distance over which the bend is measured, an angle of normals
+    bend_weight: float = 4.1  # [1/rad] larger: larger errors at edges (k in the module text)
+    bound_factor: float = 1.25  # bound of 95 % over the expected error
+    # Places far from touched points are those that are hard to reach: the factor of the bound there
+    # grows from 1 by 1 per `open_growth` of distance beyond `open_distance`, up to a limit.
+    open_distance: float = 2.5e-3  # [m]
+    open_growth: float = 2.5e-3  # [m]; larger grows more slowly
+    max_open_factor: float = 1.5  # the limit
+    # Between these bends the factor of the common error grows from 1 to `edge_factor`. Splines of
+    # drawn boxes with sharp edges are off by 0.25 to 0.4 mm there, even with 230 touches.
     edge_bends: tuple[float, float] = (0.3, 0.8)  # [rad]
     edge_factor: float = 3.0
-    calibrated_growth: float = 1.5  # times as many touches: then a draft is calibrated again
-    n_bend_directions: int = 6  # in which the surface is followed for its bend
-    # [cells] from touched points: borders of the classes in which errors are averaged.
+    calibrated_growth: float = 1.5  # ratio of touches, after which a draft is calibrated again
+    n_bend_directions: int = 6  # azimuths about a place at which normals are compared for its bend
+    # [cells] from touched points: borders of the distance classes in which errors are averaged.
     class_borders: tuple[float, ...] = (0.0, 0.3, 0.7, 1.2, 1.8, 2.6, 3.6, 5.0, 7.0, 10.0, 14.0)
-    n_places: int = 512  # at which draws are evaluated together
-    max_ratio: float = 10.0  # of a touch's squared offset over the expected one, in their mean
-    # What touches of scanned objects say (0.4 to 0.9) counts as so many of these touches do. With
-    # half of it (balls, tori) errors far from touch are half of what the energy lets expect.
+    n_places: int = 512  # places at which draws are evaluated together: memory
+    max_ratio: float = 10.0  # limit of a touch's squared offset over the expected one
+    # Calibration (ratio of squared errors) of scanned objects, which have 0.4 to 0.9. With half of
+    # it (balls, tori) errors far from touched points are half of those with all of it.
     usual_calibration: float = 0.6
-    prior_touches: float = 8.0
+    prior_touches: float = 8.0  # touches left out that the usual calibration counts as
 
 
 ERRORS = ErrorSettings()
@@ -90,14 +90,14 @@ CHI_SQUARE_MEDIAN = 0.4549364  # Of one degree of freedom
 class SurfaceErrors:
     """Root mean square errors by distance from touched points and by the surface's bend, m."""
 
-    distances: Floats  # Means of the classes and the largest, ascending, (k,)
-    errors: Floats  # Where the surface is flat, never falling, (k,)
-    places: Floats  # On the surface, from its origin, (n, 3)
-    bends: Floats  # There, rad, (n,)
-    common: float  # Of all places alike, as displacements of the touches tell
+    distances: Floats  # Mean distance of each class, and the largest of all, rising, (k,)
+    errors: Floats  # At these distances, where the surface is flat; never falling, (k,)
+    places: Floats  # On the surface, about the origin of the cells, (n, 3)
+    bends: Floats  # At these places [rad], (n,)
+    common: float  # Error of all places, from displacements beyond the pose error
     held_out: float  # Root mean square offset of touches that were left out
-    calibration: float  # Squared errors over those that the fit expected, by these touches
-    calibrated: int  # How many touches there were then
+    calibration: float  # Squared errors over those that the fit expects
+    calibrated: int  # Number of touches when that was measured
 
     def at(self, places: Floats, distances: Floats) -> tuple[Floats, Floats]:
         """Expected errors (n,) at places (n, 3) at distances (n,), and their bounds of 95 %."""
@@ -111,7 +111,7 @@ class SurfaceErrors:
 
 
 def bend_factors(bends: Floats) -> Floats:
-    """Squared errors where the surface is bent by so much, rad, over those where it is flat."""
+    """Ratios (n,) of squared errors at bends (n,) [rad] to those where the surface is flat."""
     return np.asarray(1.0 + (ERRORS.bend_weight * bends) ** 2)
 
 
@@ -128,9 +128,9 @@ def touch_distances(contacts: ContactPoints, places: Floats) -> Floats:
 def surface_errors(
     fitted: Fitted, before: SurfaceErrors | None = None
 ) -> tuple[ImplicitFit, SurfaceErrors]:
-    """The fit, solved exactly, its errors, and those of touches that are left out, m.
+    """The fit, solved exactly, and its expected errors, calibrated by touches left out [m].
 
-    `before`: of a fit of most of these touches, whose calibration still holds.
+    `before`: errors of a fit of most of these touches; its calibration is kept if it still holds.
     """
     cell, solution = fitted.spline.cell, fitted.solution
     reach = ERRORS.bend_reach / cell
@@ -160,15 +160,15 @@ def surface_errors(
 
 
 def _common_error(displacements: Floats, points: TouchedPoints, pose: float) -> float:
-    """By how much touches are displaced along their normals over what their poses may be, cells."""
+    """Root mean square displacement along normals beyond the pose error, of all touches [cells]."""
     along = np.einsum("ni,ni->n", points.normals, displacements[points.touch])
     means = np.bincount(points.touch, along) / np.maximum(np.bincount(points.touch), 1)
     return float(np.sqrt(max(float(np.mean(means**2)) - pose**2, 0.0)))
 
 
 def _by_distance(distances: Floats, variances: Floats, cell: float) -> tuple[Floats, Floats]:
-    """Means of the classes of distance and the largest one, (k,), and errors there, (k,), cells."""
-    # Far from touches nothing holds the spline, and the object no less.
+    """Mean distance of each class and the largest of all, (k,), and errors there, (k,) [cells]."""
+    # Far from touched points the spline is free, but an object departs no faster than `growth`.
     touched = float(np.median(variances[distances <= max(ERRORS.near, float(distances.min()))]))
     variances = np.minimum(variances, (np.sqrt(touched) + ERRORS.growth * distances) ** 2)
     classes = np.digitize(distances, ERRORS.class_borders) - 1
@@ -211,10 +211,10 @@ def _unit_gradients(fit: ImplicitFit, places: Floats) -> Floats:
 
 
 def calibration(left: LeftOut, factors: Floats) -> float:
-    """Squared errors over those that a fit expects, as the touches that were left out tell.
+    """Ratio of squared errors to those that a fit expects, from the touches that were left out.
 
-    That they agree better than usual may be chance: so what is usual counts as well, as by a
-    conjugate prior of a variance. `factors` (k,): of what is expected, where the surface is bent.
+    A ratio below the usual one may be chance: it is averaged with the usual one, as with a
+    conjugate prior of a variance. `factors` (k,) multiply what is expected, for the bend there.
     """
     ratios = left.squares / (factors * left.expected)
     median = float(np.median(ratios)) / CHI_SQUARE_MEDIAN
@@ -224,7 +224,7 @@ def calibration(left: LeftOut, factors: Floats) -> float:
 
 
 def _surface_places(fit: ImplicitFit) -> Floats:
-    """Places (n, 3) on the surface, one from the middle of each cell that it passes near, cells."""
+    """Places (n, 3) on the surface [cells], each projected from the middle of a cell near to it."""
     places = np.asarray(fit.band.cells + 0.5, np.float64)
     for _ in range(2):
         value, gradient = fit.band.evaluate(fit.control, places)
@@ -236,7 +236,7 @@ def _surface_places(fit: ImplicitFit) -> Floats:
 
 
 def _variances(solution: Solution, covariance: Floats, places: Floats) -> Floats:
-    """Variance (n,) of the surface at places (n, 3) on it, cells^2; as of `_draws`."""
+    """Variance (n,) of the surface at places (n, 3) on it [cells^2], over random draws."""
     band, control = solution.fit.band, solution.fit.control
     draws = _draws(solution, covariance)
     gradient = band.evaluate(control, places)[1]
@@ -252,9 +252,9 @@ def _variances(solution: Solution, covariance: Floats, places: Floats) -> Floats
 
 
 def _draws(solution: Solution, covariance: Floats) -> Floats:
-    """Control values (n, d) less their mean, displacements of this covariance drawn with them.
+    """Draws (n, d) of control values about the fit, with displacements of this covariance.
 
-    With a covariance (0, 0) displacements are held.
+    With an empty covariance, displacements are those of the fit.
     """
     rng, count = np.random.default_rng(0), ERRORS.n_draws
     if not len(covariance):

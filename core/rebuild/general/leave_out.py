@@ -1,13 +1,13 @@
-"""What each touch says of the others: touches that are left out, exactly, and predicted.
+"""Cross-validation: single touches are left out, and predicted from the others, without a new fit.
 
-With the weights of its points held, a fit is linear in what was touched. Leaving out a touch takes
-no fit of its own: with residuals r of its rows, weighted to a standard deviation of 1, and the
+With the weights of its points held, a fit is linear in the touched points. Leaving out a touch
+needs no new fit: with residuals r of its rows, weighted to a standard deviation of 1, and the
 block H of their hat matrix, the residuals without it are (1 - H)^-1 r (Cook and Weisberg,
 *Residuals and influence in regression*, 1982, 2.2), and their expected squares are the diagonal of
-(1 - H)^-1. H asks for the inverse of the fit's equations at the rows of one touch. These are
-smooth: some twenty directions tell them, which subspace iteration finds (Halko, Martinsson and
-Tropp, *Finding structure with randomness*, 2011), and the directions of all touches go through the
-factor together. Displacements of the touches are unknowns as well.
+(1 - H)^-1. H needs the inverse of the fit's equations at the rows of one touch. These rows are
+smooth: they lie close to a subspace of some twenty directions, which subspace iteration finds
+(Halko, Martinsson and Tropp, *Finding structure with randomness*, 2011); the directions of all
+touches are solved for together. Displacements of the touches are unknowns as well.
 """
 
 from __future__ import annotations
@@ -26,19 +26,19 @@ from palpate.core.rebuild.general.fitting import Solution, with_residuals
 
 @dataclass(frozen=True, slots=True)
 class LeaveOutSettings:
-    """How exactly touches are left out.
+    """How many touches are left out, and how exactly.
 
     With 30 directions root mean square offsets differ by less than 1 % from those of fits without
     the touch, on scanned fruit, boxes and bottles; with 16 some touches over edges by a factor.
     """
 
-    n_directions: int = 30  # of the rows of a touch
-    n_iterations: int = 1  # of the subspace
-    max_touches: int = 48  # that are left out, drawn
-    min_points: int = 4  # of a touch, where as many have them
-    max_leverage: float = 1.0 - 1e-9  # largest eigenvalue of a hat matrix's block
-    # With more touches their displacements are held as they were found, but for those left out:
-    # their covariance would fill memory.
+    n_directions: int = 30  # dimension of the subspace of a touch's rows; larger is more exact
+    n_iterations: int = 1  # subspace iterations; more are more exact
+    max_touches: int = 48  # touches that are left out, at random
+    min_points: int = 4  # touches of fewer points are left out only if there are too few others
+    max_leverage: float = 1.0 - 1e-9  # limit of an eigenvalue of H, at 1 of which 1 - H is singular
+    # Touches; with more, only displacements of those left out are unknowns, and all others are
+    # held: the covariance of all would fill memory.
     max_displaced: int = 1000
 
 
@@ -58,9 +58,9 @@ class LeftOut(NamedTuple):
 def solved_exactly(
     solution: Solution, settings: LeaveOutSettings = LEAVING_OUT
 ) -> tuple[Solution, Floats]:
-    """The same without what conjugate gradients leave, and the covariance of all displacements.
+    """The solution without the error of conjugate gradients, and the displacements' covariance.
 
-    The covariance is (3 t, 3 t), cells^2; (0, 0), with the same solution, of too many touches.
+    The covariance is (3 t, 3 t) [cells^2]; with too many touches it is empty, and nothing changes.
     """
     count = solution.equations.count
     if count > settings.max_displaced:
@@ -74,7 +74,7 @@ def leave_out(
 ) -> LeftOut:
     """Leave out as many touches as `settings` ask for, each in turn.
 
-    `count`: of the touches, where what follows them in the equations was not touched.
+    `count`: number of touches; later ones in the equations are assumed, and are never left out.
     """
     touches = _drawn_touches(solution, settings, count)
     sketches = [_sketch(solution, touch, settings) for touch in touches]
@@ -139,15 +139,15 @@ def _sketch(solution: Solution, touch: int, settings: LeaveOutSettings) -> _Sket
 class _Inverse(NamedTuple):
     """The inverse of the equations of control values and displacements, at directions."""
 
-    own: Floats  # For the directions of each touch, displacements held, (t, d, d)
-    across: Floats  # From them to the displacements that are not held, (t, d, 3 n)
-    displacements: Floats  # Of these, (3 n, 3 n)
+    own: Floats  # Block of the directions of each touch, displacements held, (t, d, d)
+    across: Floats  # Block of these and the displacements that are unknown, (t, d, 3 n)
+    displacements: Floats  # Block of the unknown displacements, (3 n, 3 n)
 
     @classmethod
     def of(
         cls, solution: Solution, sketches: list[_Sketch], displaced: NDArray[np.int64]
     ) -> _Inverse:
-        """From the factor of the control values' equations alone, by its Schur complement.
+        """By the Schur complement, from the factor of the control values' equations alone.
 
         `displaced` (n,): touches whose displacements are unknown; those of others are held.
         """
@@ -176,9 +176,9 @@ class _Inverse(NamedTuple):
         return cls(own, across.reshape(len(sketches), width, count), inverse)
 
     def of_touch(self, number: int, place: int) -> Floats:
-        """For the directions of one sketched touch and its displacement, (d + 3, d + 3).
+        """Block (d + 3, d + 3) of the directions and the displacement of one sketched touch.
 
-        `place`: of the touch among those that are displaced.
+        `place`: number of the touch among those whose displacements are unknown.
         """
         across, own = self.across[number], slice(3 * place, 3 * place + 3)
         through = across @ self.displacements
@@ -190,7 +190,7 @@ class _Inverse(NamedTuple):
 
 
 def _columns(solution: Solution, sketches: list[_Sketch], width: int) -> scipy.sparse.csr_matrix:
-    """The directions of all touches, (n, width t); 0 where one has fewer."""
+    """The directions of all touches as columns, (n, width t); 0 where a touch has fewer."""
     blocks = [
         np.pad(one.directions, ((0, 0), (0, width - one.directions.shape[1]))) for one in sketches
     ]
@@ -204,7 +204,7 @@ def _columns(solution: Solution, sketches: list[_Sketch], width: int) -> scipy.s
 
 
 def _exact(solution: Solution, displacements: Floats) -> Solution:
-    """The same solved without conjugate gradients, whose rest leaving out would enlarge."""
+    """The solution without conjugate gradients: leaving out would enlarge what they leave."""
     coupling, factor = solution.coupling(), solution.factor
     moved = -displacements @ (coupling.T @ factor.solve(solution.right))
     control = factor.solve(solution.right - coupling @ moved)
@@ -216,7 +216,7 @@ def _exact(solution: Solution, displacements: Floats) -> Solution:
 def _left_out(
     solution: Solution, sketch: _Sketch, inverse: Floats, max_leverage: float
 ) -> tuple[float, float]:
-    """Mean squared offset of the points of a touch from the fit without it, and what it expects."""
+    """Mean squared offset of a touch's points from the fit without it, and its expectation."""
     equations, rows = solution.equations, sketch.rows
     weights = solution.row_weights(rows)
     normals = equations.normals[rows]
@@ -233,6 +233,6 @@ def _left_out(
     without = residuals + directions @ (gains * (directions.T @ residuals))
     uncertain = np.square(directions) @ gains
     values, scale = slice(None, None, 4), weights[:, 0] ** 2
-    # Points that no spline follows have lost weight in the fit, but are no less sure for that.
+    # Outliers have lost weight in the fit, but their expected noise is that of any point.
     expected = equations.scale.point**2 + uncertain[values] / scale
     return float(np.mean(without[values] ** 2 / scale)), float(np.mean(expected))

@@ -1,8 +1,8 @@
-"""A general solid of whatever was touched: which cells its surface passes, and the fit over them.
+"""A general solid of touched points: which cells its surface passes through, and the fit over them.
 
-The coarse solid's surface tells where the cells of a first spline lie; it is followed into cells
-that it enters. Where touches lie close together a finer spline is fitted over its cells. Where
-walls are thin and the solid has holes, it is fitted anew with cells as small as they.
+A first spline is fitted over the cells at the coarse solid's surface; where its own surface leaves
+these cells, the band is widened. Where touches are dense, a spline of finer cells follows. Where
+thin walls are torn (the solid has holes), it is fitted anew with cells as small as the walls.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from palpate.core.rebuild.general.walls import wall_cell
 from palpate.core.shapes import Mesh
 from palpate.core.steps import Steps, no_steps
 
-CUBE = np.moveaxis(np.indices((2, 2, 2)), 0, -1).reshape(-1, 3).astype(float)  # Corners
+CUBE = np.moveaxis(np.indices((2, 2, 2)), 0, -1).reshape(-1, 3).astype(float)  # Its corners
 
 
 class GridSettings(NamedTuple):
@@ -48,31 +48,31 @@ class GridSettings(NamedTuple):
     """
 
     max_extent: float = 1.0  # [m] of all points
-    max_cells: int = 5_000  # of a spline's band
-    max_wall_cells: int = 12_000  # of one whose cells are small for the sake of thin walls
-    small_cell: float = 0.9  # fraction of the cells asked for, below which cells count as such
-    more_touches: float = 1.25  # times as many until such cells are tried again in a draft
-    cells_per_square: float = 2.0  # cells of a band for each cell's square of surface
-    max_voxels: float = 1.5e6  # of the coarse solid, its margin apart
-    excess: float = 1.15  # times as many cells as there may be, with which a fit may begin
-    dense: float = 12.0e-3  # [m] between touches, below which drafts take the final cells
-    max_points: int = 30_000  # touched points; of more, some of each touch are taken
-    max_hull_points: int = 5_000  # of which the area of the hull is computed
+    max_cells: int = 5_000  # of a spline's band; larger takes more memory and time
+    max_wall_cells: int = 12_000  # of a band whose cells are small because walls are thin
+    small_cell: float = 0.9  # fraction of the requested edge; smaller cells were made for walls
+    more_touches: float = 1.25  # ratio of touches, after which a draft tries such cells again
+    cells_per_square: float = 2.0  # expected cells of a band, per area of surface in cells^2
+    max_voxels: float = 1.5e6  # of the coarse solid, without its padding
+    excess: float = 1.15  # ratio of cells to `max_cells` that a fit still accepts
+    dense: float = 12.0e-3  # [m] mean spacing of touches, below which drafts take final cells
+    max_points: int = 30_000  # touched points; of more, every n-th point of a touch is used
+    max_hull_points: int = 5_000  # used for the area of the hull
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BandSettings:
     """Which cells the spline covers; lengths in cells."""
 
-    width: float = 1.0  # to both sides of the surface as it is known
-    foot: float = 0.5  # above the lowest touches: cells inside and below belong to the band too
-    lowest: float = 0.5  # [%] of the points, left out where the lowest touches are looked for
-    searched: float = 4.0  # from the coarse surface, within which an earlier spline is evaluated
-    # An earlier spline's surface is given up where it lies so far outside the coarse solid and so
-    # far from touch: a lid over a hollow, say, into which fingers have been since.
-    outside: float = 1.0
-    untouched: float = 2.0
-    lacked: float = 3.0  # from an earlier band, beyond which the coarse solid adds surface
+    width: float = 1.0  # [cells] on both sides of the estimated surface; larger costs more
+    foot: float = 0.5  # [cells] over the lowest touches; the band has all inner cells below
+    lowest: float = 0.5  # [%] percentile of the points' heights that is the lowest touches' height
+    searched: float = 4.0  # [cells] from the coarse surface, where an earlier spline is evaluated
+    # An earlier spline's surface is given up where it is farther outside the coarse solid, and
+    # farther from touched points, than this: a lid over a hollow that a finger entered since.
+    outside: float = 1.0  # [cells]
+    untouched: float = 2.0  # [cells]
+    lacked: float = 3.0  # [cells] from an earlier band, beyond which the coarse solid is used
 
 
 BANDS = BandSettings()
@@ -80,15 +80,15 @@ BANDS = BandSettings()
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SamplingSettings:
-    """Of what area touched points are samples, for the coarse solid."""
+    """Voxels of the coarse solid, and the area of surface that each touched point stands for."""
 
     voxel: float = 0.57  # [cells] edge of a voxel
-    spread: float = 0.35  # of the distance between touches, over which points stand for surface
+    spread: float = 0.35  # width of a point's kernel over the spacing of touches; larger bridges
     min_spread: float = 3.0e-3  # [m]
     max_spread: float = 12.0e-3  # [m]
-    max_area: float = 1.5  # of the hull's area over the number of touches, for one point
-    min_rounds: int = 2  # of weighing outliers, where no earlier spline has weighed them
-    flat: float = 1e-6  # [m] rms distance of the points from a plane: nearer ones enclose nothing
+    max_area: float = 1.5  # largest area of one point, over the hull's area per touch
+    min_rounds: int = 2  # fits, each with outliers weighed by the one before, if none is known
+    flat: float = 1e-6  # [m] rms distance from a plane, below which points enclose no solid
 
 
 SAMPLING = SamplingSettings()
@@ -108,7 +108,7 @@ def least_cell(
 
 
 def fitting_cell(contacts: ContactPoints) -> float:
-    """Edge of the cells that so many touches can fill, m: finer ones cost more and tell no more."""
+    """Edge of cells [m] as fine as the spacing of the touches can resolve."""
     spacing = math.sqrt(_hull_area(contacts.points) / len(np.unique(contacts.touch)))
     return solid.SPLINES.cell if spacing < GridSettings().dense else solid.SPLINES.draft_cell
 
@@ -129,23 +129,23 @@ def rebuild_general(
     draft: bool = False,
     step: Steps = no_steps,
 ) -> solid.GeneralSolid:
-    """The solid of touched points with normals, of whatever shape it is.
+    """The solid of touched points with normals, of any genus.
 
     `contacts`: world frame, m; or points (n, 3), each a touch of its own, with `normals` (n, 3) of
-    any length, outward: those that point inwards are turned (`oriented`) unless `outward` vouches
-    for all, as a pad does. `placement` (t,): how often the object had been turned over before each
-    touch; those of later placements are given where it lay at first, as far as known, and a rigid
-    motion of each placement is fitted with the solid (`GeneralSolid.motions`). `underside` (m, 3):
-    places on which it stood at first, taken for flat where nothing was touched near to them. `free`
-    (k, 3): places that a finger has swept. `spanned` (l, 3): places on the face of a pad that
-    touched nothing there, but to both sides: the surface lies behind them. `platform`: height on
-    which the object stands; None if it is held. `cell`: edge of the spline's cells. `pose`:
-    standard deviation of a touch's place. `start`: the solid of the first of these contacts, as it
-    has them: what is known of it is gone on with, which takes a fraction of the time. `draft`: a
-    solid to decide by while there is more to touch, which lets a few cells go that the surface
-    leaves, and keeps what `start` knows of its errors. Cells are larger where an object is so large
-    that there would be too many (`GridSettings`). Raises ValueError without normals, if they
-    disagree, if all lies in one plane, or in more than a metre: coordinates are in metres.
+    any length, outward: those that point inwards are turned (`oriented`), unless `outward` says
+    that none do, as with a pad. `placement` (t,): how often the object had been turned over before
+    each touch; touches of later placements are moved back to the first one as far as it is known,
+    and the rest, a rigid motion, is fitted with the solid (`GeneralSolid.motions`). `underside`
+    (m, 3): places on which it stood at first, assumed flat where no touched point is near. `free`
+    (k, 3): places that a finger has swept. `spanned` (l, 3): places on the face of a pad that has
+    contacts on both sides of them but none there: the surface lies behind them. `platform`: height
+    on which the object stands [m]; None if it is held. `cell`: edge of the spline's cells [m].
+    `pose`: standard deviation of a touch's place [m]. `start`: a solid of the first of these
+    contacts, from which the fit starts: it takes a fraction of the time. `draft`: an intermediate
+    solid, for planning more touches: its band is widened less, and the error calibration of `start`
+    is kept. Cells are larger than `cell` if there would be too many (`GridSettings`). Raises
+    ValueError if there are no normals, if normals disagree, if all points lie in one plane, or if
+    they span more than a metre (coordinates are in metres).
     """
     if not isinstance(contacts, ContactPoints):
         points = finite_array("contacts", contacts, (None, 3))
@@ -175,14 +175,14 @@ def rebuild_general(
 
 
 class Known(NamedTuple):
-    """What is known of an object; m."""
+    """Input of a reconstruction; lengths in [m]."""
 
     touched: ContactPoints
     free: Floats | None  # Places that a finger has swept, (k, 3)
-    spanned: Floats  # Behind which the surface lies, (l, 3)
-    below: Floats  # Places where an underside is taken for flat, (j, 3)
-    platform: float | None
-    pose: float
+    spanned: Floats  # Places (l, 3) behind which the surface lies
+    below: Floats  # Places (j, 3) where the underside is assumed flat
+    platform: float | None  # Height on which it stands
+    pose: float  # Standard deviation of a touch's place
     placement: Ints  # Of each touch, (t,); empty if all are of the first
     draft: bool
 
@@ -210,20 +210,20 @@ def _untorn(
     tried = 0 if start is None or not known.draft else start.tried_walls
     if touches < grid.more_touches * tried:
         return replace(plain, tried_walls=tried)
-    # From nothing: what larger cells have torn would stay so.
+    # Without `start`: walls that larger cells have torn would stay torn.
     finer_solid = _rebuilt(known, walls, finer_grid, None, step)
     if _tears(finer_solid) < torn:
         return finer_solid
-    return replace(plain, tried_walls=touches)  # too little was touched for small cells
+    return replace(plain, tried_walls=touches)  # too few touches for small cells
 
 
 def _tears(rebuilt: solid.GeneralSolid) -> int:
-    """Of a mesh of halves of cells: whole ones do not resolve a wall as thick as a cell."""
+    """Tears of a mesh of half cells: whole cells do not resolve a wall as thick as a cell."""
     return tears(rebuilt.plain_mesh(2))
 
 
 def tears(mesh: Mesh) -> int:
-    """How many holes go through a closed surface, and of how many parts more than one it is."""
+    """Number of holes through a closed surface, plus its number of parts beyond the first."""
     if not len(mesh.faces):
         return 0
     used, numbers = np.unique(mesh.faces, return_inverse=True)
@@ -237,7 +237,7 @@ def tears(mesh: Mesh) -> int:
 def _rebuilt(
     known: Known, cell: float, grid: GridSettings, start: solid.GeneralSolid | None, step: Steps
 ) -> solid.GeneralSolid:
-    """The solid with cells of an edge [m], unless there were too many."""
+    """The solid with cells of an edge [m], or larger ones if there would be too many."""
     touched, platform, placed = known.touched, known.platform, known.placement
     with step("topology"):
         coarse = _coarse(_with_underside(touched, known.below), known.free, platform, cell)
@@ -264,7 +264,7 @@ def _rebuilt(
 
 
 def _untouched(underside: Floats | None, touched: Floats) -> Floats:
-    """Those places of an underside, (k, 3), that lie far from all that was touched."""
+    """Those places (k, 3) of an underside that lie far from all touched points."""
     if underside is None or not len(underside):
         return np.zeros((0, 3))
     away = scipy.spatial.cKDTree(touched).query(underside)[0]
@@ -272,7 +272,7 @@ def _untouched(underside: Floats | None, touched: Floats) -> Floats:
 
 
 def _with_underside(touched: ContactPoints, below: Floats) -> ContactPoints:
-    """Touched points, and places that face down, as of one touch more."""
+    """Touched points, and places `below` that face down as one more touch."""
     if not len(below):
         return touched
     assert touched.normals is not None
@@ -285,7 +285,7 @@ def _with_underside(touched: ContactPoints, below: Floats) -> ContactPoints:
 
 
 def is_flat(points: Floats) -> bool:
-    """Whether points (n, 3) lie in one plane, m: they enclose nothing."""
+    """Whether points (n, 3) [m] lie in one plane, and so enclose no solid."""
     spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
     return bool(len(points) < 4 or spread[2] < SAMPLING.flat * np.sqrt(len(points)))
 
@@ -308,18 +308,18 @@ def _coarse(
 
 
 class Following(NamedTuple):
-    """How far the surface is followed where it leaves the band."""
+    """How often, and when, the band is widened where the surface leaves it."""
 
-    turns: int = 2  # Times, at most, that the band is widened
-    let_go: float = 0.0  # Fraction of the cells that the surface may leave for others
+    turns: int = 2  # Largest number of times that the band is widened
+    let_go: float = 0.0  # Missing cells over cells of the band, up to which it is not widened
 
 
 @dataclass(frozen=True, slots=True)
 class SpannedSettings:
-    """How the spline is kept behind places that a pad spanned."""
+    """How the spline is held behind places that a pad spans without contact."""
 
-    weight: float = 0.2  # of such a place, over that of a touched point
-    max_depth: float = 0.15e-3  # [m] of the surface behind such a place, up to which it is fitted
+    weight: float = 0.2  # factor of such a place's residuals at first; a touched point has 1
+    max_depth: float = 0.15e-3  # [m] places with the surface farther behind them are left out
 
 
 SPANNED = SpannedSettings()
@@ -327,38 +327,38 @@ SPANNED = SpannedSettings()
 
 @dataclass(frozen=True, slots=True)
 class UndersideSettings:
-    """What is taken for flat of an object that was turned over, until it is touched."""
+    """Where the underside of an object that was turned over is assumed flat until it is touched."""
 
-    min_distance: float = 8.0e-3  # [m] from all that was touched
-    weight: float = 0.2  # of such a place, over that of a touched point
+    min_distance: float = 8.0e-3  # [m] from every touched point; larger assumes less
+    weight: float = 0.2  # factor of such a place's residuals at first; a touched point has 1
 
 
 UNDERSIDE = UndersideSettings()
 
 
 class Setting(NamedTuple):
-    """What a spline is fitted to; m."""
+    """What a spline is fitted to; lengths in [m]."""
 
     touched: ContactPoints
     coarse: CoarseSolid
-    spanned: Floats  # Behind which the surface lies, (l, 3)
-    below: Floats  # Places where an underside is taken for flat, (j, 3)
-    platform: float | None
-    pose: float
+    spanned: Floats  # Places (l, 3) behind which the surface lies
+    below: Floats  # Places (j, 3) where the underside is assumed flat
+    platform: float | None  # Height on which it stands
+    pose: float  # Standard deviation of a touch's place
     following: Following
     placement: Ints  # Of each touch, (t,); empty if all are of the first
     grid: GridSettings
 
     @property
     def origin(self) -> Floats:
-        """Of the cells, (3,)."""
+        """Origin of the grid of cells, (3,)."""
         return np.array([0.0, 0.0, self.platform or 0.0])
 
     def fit(self, cell: float, before: Spline | None, rounds: int) -> Fitted:
-        """The spline over the cells at the surface, which is followed where it leaves them.
+        """The spline over the cells at the surface; the band is widened where it leaves them.
 
-        `before`: a spline of the first of these touches, which tells where the surface lies, how
-        far touches are off and which points are outliers. `rounds`: of weighing outliers.
+        `before`: a spline of the first of these touches: it is the first estimate of the surface,
+        of displacements and of outliers. `rounds`: least number of fits, to weigh outliers.
         """
         places = (self.touched.points - self.origin) / cell
         touched = TouchedPoints(places, np.asarray(self.touched.normals), self.touched.touch)
@@ -371,7 +371,7 @@ class Setting(NamedTuple):
             start = start.begun(before.fit, before.cell / cell)
         cells = _surface_cells(self, before, points, cell)
         over = len(make_band(cells).cells) / (self.grid.excess * self.grid.max_cells)
-        if over > 1.0:  # more surface than the touched points' hull has
+        if over > 1.0:  # the surface is larger than the hull of the touched points
             return self.fit(cell * math.sqrt(self.grid.excess * over), before, rounds)
         solution: Solution | None = None
         weighed = 0
@@ -380,7 +380,7 @@ class Setting(NamedTuple):
             order = dissect(band.cells, band.local, len(band.control))
             control = self.coarse.at(band.control * cell + self.origin) / cell
             terms = points, control, solid.cell_weights(cell, self.pose)
-            solution = None  # no two factors at a time
+            solution = None  # memory: never two factors at a time
             solution = fit_implicit(band, *terms, start, order, shared)
             beyond = surface_neighbours(solution.fit, standing=self.platform is not None)
             if turn == self.following.turns or len(beyond) <= self.following.let_go * len(
@@ -398,7 +398,7 @@ class Setting(NamedTuple):
     def _held_off(
         self, touched: TouchedPoints, cell: float, before: Spline | None
     ) -> TouchedPoints:
-        """The touched points, and those spanned places that an earlier spline does not clear.
+        """The touched points, and the spanned places that an earlier spline does not lie behind.
 
         Each spanned place belongs to the touch of the nearest point, and is displaced with it.
         """
@@ -418,7 +418,7 @@ class Setting(NamedTuple):
         )
 
     def _with_below(self, points: TouchedPoints, cell: float) -> TouchedPoints:
-        """With what is taken for flat, as of one touch more."""
+        """The points, and those of the flat underside as one more touch."""
         if not len(self.below):
             return points
         down = np.broadcast_to([0.0, 0.0, -1.0], self.below.shape)
@@ -433,7 +433,7 @@ class Setting(NamedTuple):
 def _surface_cells(
     setting: Setting, before: Spline | None, points: TouchedPoints, cell: float
 ) -> Ints:
-    """Cells whose middle lies near the surface as far as it is known, and those touched."""
+    """Cells (k, 3) whose middle lies near the estimated surface, or that hold a point."""
     coarse, standing = setting.coarse, setting.platform is not None
     low = np.floor((coarse.low - setting.origin) / cell).astype(int)
     shape = np.array(coarse.distances.shape) * coarse.step
@@ -446,7 +446,7 @@ def _surface_cells(
         close = np.flatnonzero(np.abs(distances) < BANDS.searched)
         there = before.distances(middles[close] * cell) / cell
         known = np.isfinite(there)
-        # Beside the band of the earlier spline the coarse solid tells only of what that one lacks.
+        # Near the band of the earlier spline the coarse solid is not used: its surface is better.
         beside = scipy.spatial.cKDTree(before.fit.band.cells + 0.5).query(
             middles[close][~known] * (cell / before.cell), distance_upper_bound=BANDS.lacked
         )
@@ -454,7 +454,7 @@ def _surface_cells(
         gone = (distances[close] > BANDS.outside) & _are_untouched(setting, middles[close], cell)
         distances[close] = np.where(gone, distances[close], there)
     near = np.abs(distances) < BANDS.width
-    if standing:  # where it ends is for the spline to say, not for the mirrored coarse solid
+    if standing:  # the spline decides how it ends below, not the mirrored coarse solid
         lowest = np.percentile(points.places[:, 2], BANDS.lowest) + BANDS.foot
         near |= (middles[:, 2] < lowest) & (distances < BANDS.width)
     places = [middles[near], points.places]
@@ -466,7 +466,7 @@ def _surface_cells(
 
 
 def _are_untouched(setting: Setting, places: Floats, cell: float) -> Bools:
-    """Whether places (n, 3), in cells, lie far from touch: only there the coarse solid tells."""
+    """Mask of the places (n, 3) [cells] far from touched points: there the coarse solid decides."""
     touched = (setting.touched.points - setting.origin) / cell
     return np.asarray(scipy.spatial.cKDTree(touched).query(places)[0] > BANDS.untouched)
 
@@ -482,13 +482,13 @@ def _crossed_places(fit: ImplicitFit) -> Floats:
 
 
 def _inside(fit: ImplicitFit, offsets: Floats) -> Bools:
-    """Whether places (k, 3) in each cell lie inside, (n, k)."""
+    """Mask (n, k) of the places that lie inside, at offsets (k, 3) in each cell."""
     values = fit.control[fit.band.local] @ basis_values(offsets).T
     return np.asarray(values < 0.0)
 
 
 def surface_neighbours(fit: ImplicitFit, *, standing: bool) -> Ints:
-    """Cells (k, 3) beside a band that the surface enters through a face of one of its cells."""
+    """Cells (k, 3) outside a band that the surface enters through a face of a cell in it."""
     band = fit.band
     inside, neighbours = _inside(fit, CUBE), []
     for axis in range(3):
@@ -503,7 +503,7 @@ def surface_neighbours(fit: ImplicitFit, *, standing: bool) -> Ints:
 
 
 def _thinned(contacts: ContactPoints) -> ContactPoints:
-    """Some of the points of each touch, its first among them, so that no touch is lost."""
+    """Every n-th point of each touch, from its first one on, so that no touch is lost."""
     stride = -(-len(contacts.points) // GridSettings().max_points)
     if stride <= 1:
         return contacts

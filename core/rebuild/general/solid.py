@@ -1,11 +1,11 @@
-"""A solid of any genus: where an implicit spline over a narrow band is negative; how far it is off.
+"""A solid of any genus, where an implicit spline over a narrow band is negative, and its error.
 
-A coarse solid tells which places lie inside; the band are the cells at its surface and those that
-were touched; over them the spline is fitted. Beyond the band the coarse solid goes on. An object
-that stands is cut off at its platform. Parts that no touch supports, and hollows that none has
-reached, are nothing but ripples of the fit, and are left out.
+A coarse solid decides which places lie inside. The band consists of the cells at its surface and of
+those that were touched; the spline is fitted over them, and beyond them the coarse solid is used. A
+standing object is cut off at its platform. Parts without touched points, and closed hollows inside,
+are ripples of the fit: the parts are left out, and the hollows are filled.
 
-How far it is off depends on the distance from what was touched, and its bend (`errors`).
+The expected error depends on the distance from touched points and on the bend (see `errors`).
 """
 
 from __future__ import annotations
@@ -42,22 +42,22 @@ from palpate.core.shapes import Mesh, grid_surface, without_crossings
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SplineSettings:
-    """The energy of the implicit spline, and what is made of the spline."""
+    """The energy of the implicit spline, and how a solid and its mesh are made of the spline."""
 
-    cell: float = 4.0e-3  # [m] edge of a cell of the final solid
-    draft_cell: float = 5.0e-3  # [m] edge of a cell before that
+    cell: float = 4.0e-3  # [m] edge of a cell of the final solid; larger is coarser and faster
+    draft_cell: float = 5.0e-3  # [m] edge of a cell of a draft, and of the fit before a finer one
     point: float = 0.06e-3  # [m] standard deviation of a touched point
-    normal: float = 0.2  # standard deviation of its normal
+    normal: float = 0.2  # standard deviation of a component of its unit normal
     pose: float = 0.1e-3  # [m] standard deviation of a touch's displacement
-    variation: float = 0.05  # [m] weight of squared third derivatives, in cells of `draft_cell`
-    detail: float = 3.0  # power of a cell's edge with which that weight falls in smaller cells
-    anchor: float = 1e6  # [1/m^5] weight of the coarse solid
-    min_slope: float = 0.2  # of the spline's gradient: a flatter spline is no distance
+    variation: float = 0.05  # [m] weight of squared third derivatives: larger is smoother
+    detail: float = 3.0  # power of cell / `draft_cell` by which that weight is multiplied
+    anchor: float = 1e6  # [1/m^5] weight of the distance to the coarse solid, squared
+    min_slope: float = 0.2  # least norm of a gradient by which a value is divided for a distance
     n_projections: int = 2  # steps of Newton's method onto the surface
-    max_retreats: int = 20  # rounds in which vertices of faces that cross go back to the grid
-    min_part: float = 0.02  # fraction of the touched points on the largest part; fewer: no part
-    local_reach: float = 12.0e-3  # [m] about a new touch, within which `update` fits anew
-    max_residual: float = 15.0e-3  # [m] touched points farther off count as this far
+    max_retreats: int = 20  # rounds in which vertices of crossing faces are moved back to the grid
+    min_part: float = 0.02  # touched nodes over the most touched part's; less is left out
+    local_reach: float = 12.0e-3  # [m] from a new touch, within which `update` changes the spline
+    max_residual: float = 15.0e-3  # [m] limit of a distance from the solid in `touch_squares`
 
 
 SPLINES = SplineSettings()
@@ -65,20 +65,20 @@ SPLINES = SplineSettings()
 
 @dataclass(frozen=True, slots=True)
 class ProtrusionSettings:
-    """Surface beyond the convex hull of all touched points: what is cut off, and its error."""
+    """Surface outside the convex hull of all touched points: where it is cut off, and its error."""
 
-    # Near to touch, what rises higher over the hull than `cut_height` and `cut_slope` times the
-    # distance from touch is a ripple of the spline, and is cut off: up to 5 mm high on cups and
-    # bowls with walls of 2 and 3 mm, 0.7 % of their surface, and nothing on scanned objects.
-    cut_height: float = 1.5e-3  # [m]
-    cut_slope: float = 0.5
-    cut_distance: float = 8.0e-3  # [m] from touch, up to which ripples are cut off
-    min_height: float = 1.0e-3  # [m] over the hull: the error is the height over this
-    bound_factor: float = 1.5  # of a bound, over that error
-    # The hull is that of one point for each cube of the larger of both edges.
+    # Surface is a ripple of the spline, and is cut off, if its height over the hull is larger than
+    # `cut_height` + `cut_slope` * distance from the nearest touched point. On cups and bowls with
+    # walls of 2 and 3 mm this cuts 0.7 % of the surface, up to 5 mm high; on scanned objects none.
+    cut_height: float = 1.5e-3  # [m]; larger cuts less
+    cut_slope: float = 0.5  # height over distance; larger cuts less
+    cut_distance: float = 8.0e-3  # [m] from a touched point, up to which ripples are cut off
+    min_height: float = 1.0e-3  # [m] over the hull; the expected error is the height less this
+    bound_factor: float = 1.5  # bound of 95 % over that error
+    # The hull is computed of one point in each cube; the cube's edge is the larger of these two.
     grid: float = 2.0e-3  # [m]
     grid_share: float = 0.01  # fraction of the extent of the touched points
-    n_pairs: int = 1_000_000  # of a place and a face of the hull, compared at a time
+    n_pairs: int = 1_000_000  # pairs of a place and a hull face compared at a time: memory
 
 
 PROTRUSIONS = ProtrusionSettings()
@@ -88,19 +88,19 @@ PROTRUSIONS = ProtrusionSettings()
 class GeneralSolid(Solid):
     """A solid as an implicit spline; lengths in m, places in the world."""
 
-    origin: Floats  # Of the cells, (3,), on the platform
-    cell: float  # Edge of a cell
-    fit: ImplicitFit  # In cells
-    coarse: CoarseSolid  # Beyond the band
-    contacts: ContactPoints  # What was touched
-    platform: float | None
-    predicted: SurfaceErrors  # How far it is off, m
-    pose: float  # Standard deviation of the error of a touch's place
+    origin: Floats  # Origin of the grid of cells, (3,), on the platform
+    cell: float  # Edge of a cell [m]
+    fit: ImplicitFit  # Lengths in cells
+    coarse: CoarseSolid  # Used beyond the band
+    contacts: ContactPoints  # Touched points with normals
+    platform: float | None  # Height on which it stands [m]; None if it is held
+    predicted: SurfaceErrors  # Expected errors of the surface [m]
+    pose: float  # Standard deviation of the error of a touch's place [m]
     # How often the object had been turned over before each touch, (t,); empty: never
     placement: Ints = field(default_factory=lambda: np.zeros(0, np.int32))
-    # What moves `contacts` of each later placement to where they fit
+    # Rigid motion of each later placement that moves its `contacts` onto the others
     motions: tuple[Pose, ...] = ()
-    tried_walls: int = 0  # Touches with which cells as small as its walls tore it no less; 0: never
+    tried_walls: int = 0  # Number of touches when wall-sized cells last failed to help; 0: never
 
     def evaluate(self, places: Floats) -> tuple[Floats, Floats]:
         """The spline, m, and its gradient at places (n, 3): (n,), (n, 3); NaN beyond the band."""
@@ -122,10 +122,10 @@ class GeneralSolid(Solid):
         return places
 
     def mesh(self, parts: int = 2) -> Mesh:
-        """Triangles, closed, with vertices on the surface; each cell is cut into `parts`.
+        """Closed triangle mesh with vertices on the surface; cells are cut into `parts` an axis.
 
-        At sharp edges they lie on the faces that meet there. Vertices stay where the grid has them
-        where the surface is so sharp that, moved onto it, their triangles would cross.
+        At sharp edges vertices lie on the faces that meet there. Vertices whose triangles would
+        cross after the move onto the surface stay where the grid has them.
         """
         places, moved, faces = self._surface(parts)
         vertices = without_crossings(places, moved, faces, SPLINES.max_retreats)
@@ -140,7 +140,7 @@ class GeneralSolid(Solid):
 
     @cached_property
     def edges(self) -> Edges | None:
-        """Its sharp edges, as touched points on both sides tell; None if there are none."""
+        """Its sharp edges, confirmed by touched points on both sides; None if there are none."""
         vertices = self._surface(2)[1]
         touched, normals = self.contacts.points, np.asarray(self.contacts.normals)
         touched = touched + self.cell * self.fit.displacements[self.contacts.touch]
@@ -148,12 +148,12 @@ class GeneralSolid(Solid):
 
     @property
     def rough_mesh(self) -> Mesh:
-        """Triangles for a look on the way: at sharp edges some may cross."""
+        """Coarse triangle mesh for intermediate steps: at sharp edges some triangles may cross."""
         return self._rough[1]
 
     @property
     def rough_parts(self) -> int:
-        """Into how many parts it cuts cells: 2 where an end is so thin that whole ones lose it."""
+        """Parts of a cell along each axis in it: 2 if whole cells would lose a thin end, else 1."""
         return self._rough[0]
 
     @cached_property
@@ -166,7 +166,7 @@ class GeneralSolid(Solid):
         return 1, Mesh(moved, faces)
 
     def plain_mesh(self, parts: int) -> Mesh:
-        """Triangles of cells cut into `parts`: edges are round, and some may cross there."""
+        """Triangles of cells cut into `parts` an axis: edges are round, some may cross there."""
         return Mesh(*self._surface(parts)[1:])
 
     def _surface(self, parts: int) -> tuple[Floats, Floats, Ints]:
@@ -190,12 +190,12 @@ class GeneralSolid(Solid):
         return places, moved, faces
 
     def bends(self, places: Floats) -> Floats:
-        """By how much (n,) the surface turns about places (n, 3) on it, within 3 mm [rad]."""
+        """Angles (n,) by which the normal turns within 3 mm of places (n, 3) on it [rad]."""
         reach = ERRORS.bend_reach / self.cell
         return surface_bends(self.fit, (places - self.origin) / self.cell, reach)
 
     def is_sharp(self, places: Floats) -> Bools:
-        """Which places (n, 3) of the surface lie on the faces that meet at a sharp edge."""
+        """Mask of the places (n, 3) within `EdgeSettings.moved` of a sharp edge."""
         if self.edges is None:
             return np.zeros(len(places), np.bool_)
         return np.asarray(point_tree(self.edges.places).query(places)[0] < EDGES.moved)
@@ -206,8 +206,8 @@ class GeneralSolid(Solid):
     def closest(self, points: ArrayLike) -> Closest:
         """As `Solid.closest`, moved from the mesh onto the spline where that is the surface.
 
-        It is not where the solid is cut off at its platform, near to its sharp edges, or where the
-        spline's gradient and the mesh's normal point apart.
+        The spline is not the surface where the solid is cut off at its platform, near to its sharp
+        edges, or where the spline's gradient and the mesh's normal differ by more than an angle.
         """
         nearest = self.final_mesh.closest(points)
         places = self.project(nearest.points)
@@ -232,7 +232,7 @@ class GeneralSolid(Solid):
         return Closest(places, normals, np.where(side < 0.0, -distances, distances))
 
     def residuals(self, places: Floats) -> Floats:
-        """Distances (n,) of places (n, 3) from the surface, m: to first order where it is near."""
+        """Distances (n,) of places (n, 3) from the surface [m]; near it, to first order."""
         value, gradient = self.evaluate(places)
         slope = np.maximum(np.linalg.norm(gradient, axis=1), SPLINES.min_slope)
         distances = np.abs(value) / slope
@@ -247,23 +247,23 @@ class GeneralSolid(Solid):
         """Errors that are expected at places (n, 3) of its surface, and their bounds of 95 %, m."""
         distances = touch_distances(self.contacts, places)
         errors, bounds = self.predicted.at(places - self.origin, distances)
-        outer = distances > PROTRUSIONS.min_height  # no other place lies as far over the hull
+        outer = distances > PROTRUSIONS.min_height  # the height over the hull is never larger
         beyond = protrusions(self.contacts.points, places[outer]) - PROTRUSIONS.min_height
         errors[outer] = np.maximum(errors[outer], beyond)
         bounds[outer] = np.maximum(bounds[outer], PROTRUSIONS.bound_factor * beyond)
         return errors, bounds
 
     def covers(self, places: Floats) -> bool:
-        """Whether all places (n, 3) lie in the band, so that `update` takes them up."""
+        """Whether all places (n, 3) lie in the band, so that `update` can use them."""
         cells = np.floor((places - self.origin) / self.cell).astype(np.int32)
         return bool((self.fit.band.find(cells) >= 0).all())
 
     def update(self, touched: ContactPoints, placement: int = 0) -> GeneralSolid:
         """The solid with one touch more, fitted anew within `SplineSettings.local_reach` of it.
 
-        `placement`: how often the object had been turned over before. Elsewhere the solid stays as
-        it is, so that a touch takes the same time however many there were.
-        Topology stays, too: what lies beyond the band counts at the next `rebuild_general`.
+        `placement`: how often the object had been turned over before. Elsewhere the solid is
+        unchanged, so that the time does not depend on the number of touches.
+        The band is unchanged, too: points beyond it have no effect before `rebuild_general`.
         """
         touched = checked_contacts(touched)
         if touched.normals is None or not len(touched.points):
@@ -297,9 +297,9 @@ class GeneralSolid(Solid):
     def health(self) -> dict[str, float]:
         """Figures of the fit by name; lengths in m.
 
-        `control_values` and `touches` of it, the share of `outliers` among points (those that lost
-        half their weight), root mean square `residual` of the others and `displacement` of touches,
-        and `held_out`, the error of touches that were predicted from the others.
+        Numbers of `control_values` and `touches`; fraction of `outliers` (points that lost half
+        their weight); root mean square `residual` of the other points, `displacement` of touches,
+        and `held_out` offset of touches that were left out and predicted from the others.
         """
         fit = self.fit
         inlying = np.isfinite(fit.residuals) & (fit.weights**2 > 0.5)
@@ -314,7 +314,7 @@ class GeneralSolid(Solid):
         }
 
     def _volume(self, parts: int) -> tuple[Ints, Floats]:
-        """First node (3,) of a grid that holds the band, and values at its nodes, cells."""
+        """First node (3,) of a grid around the band, in its steps, and its values [cells]."""
         cells = self.fit.band.cells
         low, high = cells.min(axis=0) - 1, cells.max(axis=0) + 2
         if self.platform is not None:
@@ -330,7 +330,7 @@ class GeneralSolid(Solid):
         return low * parts, values
 
     def _ripples(self, inside: Bools, corner: Ints, step: float) -> Bools:
-        """Nodes inside ripples, which rise steeply over the hull of what was touched."""
+        """Mask of the nodes in ripples, which rise steeply over the hull (`ProtrusionSettings`)."""
         nodes = np.argwhere(inside)
         places = (nodes + corner) * step + self.origin
         beyond = protrusions(self.contacts.points, places)
@@ -342,7 +342,7 @@ class GeneralSolid(Solid):
         return ripples
 
     def _supported(self, inside: Bools, corner: Ints, step: float) -> Bools:
-        """Without parts, and without hollows, at which nothing was touched."""
+        """The mask `inside` without parts that few points touch, and with closed hollows filled."""
         at = np.round((self.contacts.points - self.origin) / step).astype(int) - corner
         at = np.clip(at, 1, np.array(inside.shape) - 2)
         touched = np.zeros(inside.shape, np.bool_)
@@ -363,7 +363,7 @@ class GeneralSolid(Solid):
 
 
 def cell_weights(cell: float, pose: float) -> Weights:
-    """Weights of the energy in cells of this edge, m; `pose` in m."""
+    """Weights of the energy in units of cells, for an edge `cell` [m] and a `pose` error [m]."""
     return Weights(
         SPLINES.point / cell,
         SPLINES.normal,
@@ -374,7 +374,7 @@ def cell_weights(cell: float, pose: float) -> Weights:
 
 
 def touch_squares(touched: ContactPoints, distances: Floats) -> Floats:
-    """Of each touch, the mean square (t,) of the distances (n,) of its points from a solid, m^2.
+    """Mean squares (t,) for each touch of the distances (n,) of its points from a solid [m^2].
 
     Points farther off than `SplineSettings.max_residual` count as that far.
     """
@@ -384,7 +384,7 @@ def touch_squares(touched: ContactPoints, distances: Floats) -> Floats:
 
 
 def protrusions(touched: Floats, places: Floats) -> Floats:
-    """How far places (n, 3) lie beyond the convex hull of touched points (k, 3), (n,), m, or 0."""
+    """Heights (n,) of places (n, 3) over the hull of touched points (k, 3) [m]; 0 inside it."""
     extent = float(np.ptp(touched, axis=0).max())
     grid = max(PROTRUSIONS.grid, PROTRUSIONS.grid_share * extent)
     _, first = np.unique(np.floor(touched / grid), axis=0, return_index=True)
