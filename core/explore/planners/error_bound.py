@@ -58,8 +58,8 @@ class ErrorSettings:
     few_intervals: float = 6.0
     noise_share: float = 0.87  # of a slice's deviation, in the surface between two; with its margin
     order: float = 3.0  # exponent by which the error of an interval falls with its number of parts
-    # Exponent by which it falls with the untouched share of the interval: higher for a smooth side;
-    # 1 for a sharp edge inside.
+    # Exponent by which it falls with the untouched share of the interval. A smooth side has a
+    # higher one, a side with a sharp edge in the interval a lower one.
     untouched_order: float = 2.0
     deviation_factor: float = 1.25  # ratio of the 95 % bound to the deviation that the solid states
     ends_factor: float = 1.5  # further factor for the ends, whose untouched edges vary most
