@@ -1,8 +1,8 @@
 """Where to touch next.
 
-An `Exploration` is all that is known so far, as one value; `goals` says what follows from it. The
-rooms below grasp an object, trace its slices, plan them and probe its ends; all are pure functions
-of values, so that a recorded run can be explored again. It rests on core touch and geometry.
+An `Exploration` is all that is known so far, as one value; `goals` derives the next goals from it.
+The rooms below grasp an object, trace its slices, plan them and probe its ends; all are pure
+functions of values, so that a recorded run can be replayed. It uses core touch and geometry.
 """
 
 from palpate.core.explore.decision import goals as goals

@@ -1,13 +1,13 @@
-"""What to do next: one pure function from what is known to a list of goals.
+"""What to do next: one pure function from the state of an exploration to a list of goals.
 
-Before there is a slicing frame the hand closes. Then each idle finger in turn is given a touch of
-an end, a slice, a single touch, or nothing; a model is asked for as soon as there is enough that
-the last one does not know. When nothing is under way any more, the exploration is done.
+Before there is a slicing frame the hand closes. Then each idle finger in turn gets a touch of an
+end, a slice, a single touch, or nothing; a model is requested once there are enough results that
+the last one does not contain. When no task and no model is left, the exploration is done.
 
-Every task carries what it may take: so many touches, and a robot time by which the last of them has
-ended even if it meets nothing on its way. The tracer makes no touch beyond that, and a task that
-comes back without a touch says that nothing more can be done. Where a whole contour no longer fits,
-ends that are due come first, then as much of one as fits: its touches count.
+Every task has its limits: a number of touches, and a robot time by which the last of them must have
+ended even if it touches nothing. The tracer makes no touch beyond these limits; a task that returns
+without a touch shows that the budget is spent. Where a whole contour no longer fits into the
+budget, touches of ends come first, then as much of a contour as fits: its touches count.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ ENDS: tuple[probing.End, ...] = ("upper", "lower")
 
 
 def goals(known: Exploration, demand: Demand, rule: planners.Planner) -> list[Goal]:
-    """What is to be done now, in order; nothing while all fingers and models are under way."""
+    """The next goals, in order; none while a result or a model must be waited for."""
     if known.survey is None:
         return [_grasp_goal(known, demand)]
     if known.lying.pose is None:
@@ -55,7 +55,7 @@ def goals(known: Exploration, demand: Demand, rule: planners.Planner) -> list[Go
 
 
 def _grasp_goal(known: Exploration, demand: Demand) -> Goal:
-    """The next closing; after the last one the coarse model, or the end."""
+    """The next closing of the hand; after the last one, a coarse model, or the end."""
     closing = _next_closing(known)
     if closing is not None and _fits_closing(known, demand, closing):
         return closing
@@ -66,7 +66,7 @@ def _grasp_goal(known: Exploration, demand: Demand) -> Goal:
 
 
 def _next_closing(known: Exploration) -> CloseHand | None:
-    """None once the hand has touched enough, or looked everywhere."""
+    """The next closing; None once there are enough contacts, or all places were searched."""
     contacts, setup, settings = known.hand, known.setup, known.setup.grasp
     enough = settings.enough_contacts
     if known.lying.placement:
@@ -86,7 +86,7 @@ def _next_closing(known: Exploration) -> CloseHand | None:
 
 
 def _fits_closing(known: Exploration, demand: Demand, closing: CloseHand) -> bool:
-    """Whether it fits into the robot time that the hand may take."""
+    """Whether a closing fits into the robot time that the hand may take."""
     settings = known.setup.grasp
     is_enough = len(known.hand.points) >= settings.fit_contacts
     limit = demand.most_seconds * (settings.time_share if is_enough else 1.0)
@@ -101,7 +101,7 @@ def _fits_closing(known: Exploration, demand: Demand, closing: CloseHand) -> boo
 
 
 def _placing_goals(known: Exploration, demand: Demand) -> list[Goal]:
-    """What tells how the object lies that was turned over: closings of the hand, then a model."""
+    """Goals that find the pose of an object that was turned over: closings, then a model."""
     lying = known.lying
     if lying.is_turning or known.model.is_pending:
         return []
@@ -114,10 +114,10 @@ def _placing_goals(known: Exploration, demand: Demand) -> list[Goal]:
 
 
 def _turn_goal(known: Exploration, demand: Demand, rule: planners.Planner) -> Goal | None:
-    """To set the object down on another side, where that brings the demand nearer.
+    """Set the object down on another side, if that lowers what is left to be known; or None.
 
-    Only a rule that chooses single touches makes use of it; and where slices give a solid, only an
-    underside that is to be known asks for it.
+    Only for planners that choose single touches. Where slices give the solid, only if the demand is
+    that the underside is known.
     """
     surface, lying = known.model.surface, known.lying
     touches = isinstance(rule, planners.Predicted) or getattr(rule, "single_touches", False)
@@ -139,9 +139,9 @@ def _turn_goal(known: Exploration, demand: Demand, rule: planners.Planner) -> Go
 def _finger_goals(
     known: Exploration, demand: Demand, rule: planners.Planner, finger: int
 ) -> list[Goal]:
-    """What one idle finger is to do, in order of precedence; or a model, to decide by.
+    """The next goals of one idle finger: a task, a model on which the next choice depends, or both.
 
-    While a model is in the making, that is a slice in which no model has a say.
+    While a model is being made, the only task is a slice that depends on no model.
     """
     touches = _touches_left(known, demand)
     if touches > 0.0 and not (known.is_cut or known.model.is_pending):
@@ -152,7 +152,7 @@ def _finger_goals(
         if due is not None:
             return [due]
     if not known.surveyed.traced and _is_touching_end(known):
-        return []  # it looks for the end: nobody knows yet where slices should be
+        return []  # a finger looks for the end: until then heights of slices are not known
     asked: list[Goal] = [MakeModel()] if _is_model_due(known) else []
     if asked:
         known = known.after(MakeModel())
@@ -172,7 +172,7 @@ def _finger_goals(
 
 
 def _touches_left(known: Exploration, demand: Demand) -> float:
-    """Touches that an idle finger may make; none if others at work may make all that are left."""
+    """Touches that an idle finger may make: what the limits of the other tasks leave over."""
     left = demand.most_touches
     if math.isinf(left):
         return left
@@ -184,13 +184,13 @@ def _touches_left(known: Exploration, demand: Demand) -> float:
 
 
 def _contour_touches(known: Exploration) -> float:
-    touches = [one.touches for one in known.surveyed.traced]
+    touches = [contour.touches for contour in known.surveyed.traced]
     return float(np.mean(touches)) if touches else known.setup.goals.first_contour_touches
 
 
 def _fits_contour(known: Exploration, demand: Demand, touches: float) -> bool:
-    """Whether a whole contour is expected to fit into what is left."""
-    seconds = [one.seconds for one in known.surveyed.traced]
+    """Whether a whole contour is expected to fit into `touches` and the robot time left."""
+    seconds = [contour.seconds for contour in known.surveyed.traced]
     end = known.seconds + (float(np.mean(seconds)) if seconds else 0.0)
     return _contour_touches(known) <= touches and end <= demand.most_seconds
 
@@ -202,9 +202,9 @@ def _is_touching_end(known: Exploration) -> bool:
 def _end_task(known: Exploration, demand: Demand, finger: int, *, is_last: bool) -> Task | None:
     """The next touch of an end, if one is due.
 
-    At first each end is found; it is touched all over when there is a contour near to it, or when
-    no slices follow. One finger at a time, and away from the others. Ends of a general solid are
-    surface: the rule knows of them.
+    First each end is found. It is touched all over once there is a contour near it, or if
+    `is_last`: no slices follow. One finger touches ends, away from other fingers. Ends of a general
+    solid are part of its surface, which the planner treats.
     """
     if not known.setup.goals.touch_ends or known.model.general or _is_touching_end(known):
         return None
@@ -248,7 +248,7 @@ def _end_observation(
 
 
 def _is_model_due(known: Exploration) -> bool:
-    """Whether there is more than the last model knows, and enough for another."""
+    """Whether there are enough results that the last model does not contain for another one."""
     settings, model, touches = known.setup.goals, known.model, known.touches
     if model.is_pending or not known.surveyed.traced:
         return False
@@ -259,7 +259,7 @@ def _is_model_due(known: Exploration) -> bool:
 
 
 def _has_news(known: Exploration) -> bool:
-    """Whether there are slices or touches of ends that the last model does not know."""
+    """Whether there are slices or touches of ends that the last model does not contain."""
     slices, model = len(known.surveyed.traced), known.model
     return (slices, known.end_touches) != (model.slices, model.end_touches)
 
@@ -267,14 +267,14 @@ def _has_news(known: Exploration) -> bool:
 def _choice(
     known: Exploration, rule: planners.Planner, observation: planners.Observation
 ) -> planners.Choice:
-    """What the rule answers; what nobody can act on ends the exploration with what there is.
+    """The planner's answer; an answer that cannot be carried out becomes a `Stop`.
 
-    While a model is in the making, it is asked only for what no model has a say in.
+    While a model is being made, the planner is asked only for slices that depend on no model.
     """
     if known.goals >= known.setup.goals.max_goals:
         return planners.Stop("a model can list no more contours and single touches")
     if known.lying.placement and not getattr(rule, "single_touches", False):
-        rule = planners.Touches()  # slices lie as the object lay at first
+        rule = planners.Touches()  # the slicing frame is that of the first pose
     settled = planners.settled_height(rule, observation)
     if settled is not None:
         return settled
@@ -292,8 +292,8 @@ def _slice_task(
     survey, width, settings = known.surveyed, known.setup.pad_width, known.setup.goals
     centre, radius = survey.approach(chosen.height)
     gap = settings.max_gap * max(1.0 - settings.dense_feature * width / demand.feature, 0.0) * width
-    # A contour that takes much longer than the longest so far goes elsewhere than around.
-    perimeters = [one.perimeter for one in survey.traced if one.usable]
+    # A contour that is much longer than the longest so far does not lead around the object.
+    perimeters = [made.perimeter for made in survey.traced if made.usable]
     longest = max(perimeters, default=2.0 * math.pi * survey.frame.radius)
     turns = math.ceil(settings.contour_turns * longest / (settings.touch_advance * width))
     max_touches = settings.min_contour_touches + turns
@@ -321,7 +321,7 @@ def _task(
 
 
 def _reason(known: Exploration, demand: Demand, rule: planners.Planner) -> str:
-    """Why nothing more is done, and what is to be said of slices that are not star-shaped."""
+    """Why the exploration ends, and what kind of solid its slices gave."""
     if known.broken:
         return known.broken
     choice = _choice(known, rule, known.observation(demand))

@@ -1,8 +1,8 @@
-"""What is known while an object is explored, as values, and what each result adds to it.
+"""The state of an exploration, as a value, and how each result changes it.
 
-An `Exploration` holds what never changes (`Setup`), what the hand met (`HandContacts`), contours
-and ends in the slicing frame (`Survey`), what each `Finger` does, and what the last model said
-(`ModelStatus`). Nothing is decided here: `decision.goals` says what follows from it.
+An `Exploration` holds the constants (`Setup`), contacts of the hand (`HandContacts`), contours and
+ends in the slicing frame (`Survey`), the task of each `Finger`, and figures of the last model
+(`ModelStatus`). No decision is made here: `decision.goals` derives the next goals from it.
 """
 
 from __future__ import annotations
@@ -45,49 +45,49 @@ from palpate.core.touch import FAULTS, HITS, FrameFault, TouchOutcome
 class GraspSettings:
     """How often the hand closes, and where it looks for the object."""
 
-    enough_contacts: int = 60  # the hand has touched enough
-    # The same of an object that was turned over, whose shape is known; and if these fit nowhere.
+    enough_contacts: int = 60  # contacts after which the hand stops
+    # The same for an object of known shape that was turned over; and after these fitted no pose.
     turned_contacts: int = 48
     lost_contacts: int = 96
-    max_grips: int = 30  # closings on the object
-    search_spacing: float = 12e-3  # of places where the object is looked for [m]; below a pad
-    opening: float = 0.8  # of the fingers, fraction of the reach
-    fit_contacts: int = 12  # enough for a fit; from there on the hand has less time
-    fit_closings: int = 2  # enough for a fit, at least
-    time_share: float = 0.5  # of the robot time that may pass, once there is enough for a fit
+    max_grips: int = 30  # closings since the first contact
+    search_spacing: float = 12e-3  # [m] between places of the search; less than a pad's width
+    opening: float = 0.8  # [reach of a pad] from the hand's middle to its open fingertips
+    fit_contacts: int = 12  # enough for a fit; from then on `time_share` limits the hand
+    fit_closings: int = 2  # fewest closings that may give enough for a fit
+    time_share: float = 0.5  # fraction of the robot time in which the hand may close from then on
 
     def least_seconds(self, robot: RobotPreset, reach: float) -> float:
-        """Robot time of the fewest closings that may tell enough, by a pad's reach [m]; [s]."""
+        """Robot time [s] of the fewest closings that may be enough; `reach` of a pad [m]."""
         return self.fit_closings * longest_seconds(robot, 0.0, 0.0, self.opening * reach)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GoalSettings:
-    """When tasks and models are due, and what a task may take."""
+    """When tasks and models are due, and the limits of a task."""
 
-    # A contour is given up after `min_contour_touches` and as many as take it `contour_turns` times
-    # around the expected perimeter, each `touch_advance` farther [pad widths].
+    # A contour is given up after `min_contour_touches` more than go `contour_turns` times around
+    # the longest perimeter so far, at `touch_advance` [pad widths] for each touch.
     min_contour_touches: int = 20
     contour_turns: float = 1.6
     touch_advance: float = 0.5
-    # Between two touches of a contour up to `max_gap` [pad widths] may stay untouched: with more
-    # the pad misses the contour. Nothing may where a feature is below `dense_feature` [pad widths]:
-    # touches that overlap tell how far their poses are off, which finer work needs.
+    # Longest stretch [pad widths] between touches of a contour: over a longer one the pad misses
+    # the contour. It shrinks with the feature, and is 0 for features below `dense_feature` [pad
+    # widths]: only touches that overlap show the errors of their poses, which finer work needs.
     max_gap: float = 0.3
     dense_feature: float = 0.7
-    first_contour_touches: int = 30  # expected of a contour while none was traced
-    max_contour_share: float = 2.0  # of its expected touches, for one of several fingers
-    touch_ends: bool = True  # single touches look for the ends; else slices and grasp alone do
-    # An end is touched all over once a contour is so near to it, fraction of the object's extent.
+    first_contour_touches: int = 30  # expected of a contour before one was traced
+    max_contour_share: float = 2.0  # touches of one of several fingers, per expected one
+    touch_ends: bool = True  # single touches look for the ends; if not, slices and grasp find them
+    # [extent of the object] between contour and end, below which the end is touched all over.
     end_nearness: float = 0.07
     # A model is due after `single_batch` single touches, or `single_share` of all touches if that
-    # is more; after contours, when they have at least `contour_share` of all touches. So the work
-    # of long runs, too, grows with the first power of their touches.
+    # is more; after contours, once at least `contour_share` of all touches came since the last one.
+    # With such shares the work of a run grows in proportion to its touches.
     single_batch: int = 10
     single_share: float = 0.12
     contour_share: float = 0.05
-    # An object of less than `small_extent` [m] is given up after `small_touches` unless more, or
-    # fewer, are asked for: what they have not told the next ones will not either.
+    # An object whose contacts extend over less than `small_extent` [m] gets `small_touches`, unless
+    # the demand states a number: further touches hardly add anything.
     small_extent: float = 0.15
     small_touches: int = 800
     max_goals: int = 4000  # a message lists no more than `messages.fields.MAX_ITEMS` results
@@ -95,23 +95,23 @@ class GoalSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ResultSettings:
-    """When a single touch is begun anew, and when a sensor is given up."""
+    """When a single touch is repeated, and when a sensor is given up."""
 
-    retreat: float = 15e-3  # a touch that began inside begins anew from so much farther off [m]
-    max_retries: int = 2
-    max_target_distance: float = 6e-3  # [m]; a contact farther from its target was in vain
-    max_faults: int = 3  # touches in succession that no working sensor can have felt
+    retreat: float = 15e-3  # [m] by which a touch that began inside is repeated from farther off
+    max_retries: int = 2  # of such a touch
+    max_target_distance: float = 6e-3  # [m] from its target, beyond which a contact is in vain
+    max_faults: int = 3  # faulty readings in succession, after which the sensor is given up
 
 
 class Setup(NamedTuple):
     """What does not change during an exploration."""
 
-    platform: float  # height on which the object stands [m]
-    reach: float  # how far from the middle of the platform a pad gets [m]
-    robot: RobotPreset | None  # how fast the arms are; None if that is not known
+    platform: float  # [m] height on which the object stands
+    reach: float  # [m] of a pad from the middle of the platform
+    robot: RobotPreset | None  # speeds of the arms; None if they are not known
     pad_width: float  # [m]
-    resolution: float  # smallest difference that the sensor tells [m]
-    contact_error: float  # standard deviation of a contact of the hand [m]
+    resolution: float  # [m] smallest difference that the sensor resolves
+    contact_error: float  # [m] standard deviation of a contact of the hand
     grasp: GraspSettings = GraspSettings()
     goals: GoalSettings = GoalSettings()
     results: ResultSettings = ResultSettings()
@@ -136,19 +136,19 @@ class ProbedPoint(NamedTuple):
 class Result(NamedTuple):
     """What a finger has finished."""
 
-    robot_time: float  # of its last touch [s]
-    touches: int  # 0: what is left of the budget is too little for one
-    fault: FrameFault  # of the sensor, if it ended the work
+    robot_time: float  # [s] at the end of its last touch
+    touches: int  # made; 0 if the rest of the budget was too small for one
+    fault: FrameFault  # of the sensor, if it ended the task
     measured: TracedContour | ProbedPoint
 
 
 class Finger(NamedTuple):
-    """What one finger does."""
+    """The state of one finger."""
 
-    clock: float = 0.0  # robot time that it is known to have reached [s]
-    task: Task | None = None
+    clock: float = 0.0  # [s] robot time that it is known to have reached
+    task: Task | None = None  # None while the finger is idle
     result: Result | None = None  # of that task, not yet taken up
-    resting: Floats | None = None  # where its last single touch began, (3,) [m]
+    resting: Floats | None = None  # (3,) [m] where its last single touch began
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -156,50 +156,50 @@ class HandContacts:
     """What the hand met."""
 
     points: Floats = field(default_factory=lambda: np.zeros((0, 3)))  # (n, 3) [m]
-    normals: Floats = field(default_factory=lambda: np.zeros((0, 3)))  # outward, (n, 3)
-    closings: int = 0  # times that it has closed
-    earlier: int = 0  # of these, before the object was turned over last: contacts are those since
-    grips: int = 0  # of these, since it first met something
-    last: CloseHand | None = None  # how it was closed last
-    fit: FittedSuperquadric | None = None  # the coarse model of all contacts
+    normals: Floats = field(default_factory=lambda: np.zeros((0, 3)))  # (n, 3) outward
+    closings: int = 0  # in all
+    earlier: int = 0  # closings before it was last turned over; `points` are of later ones
+    grips: int = 0  # closings from the first contact on
+    last: CloseHand | None = None  # the last closing
+    fit: FittedSuperquadric | None = None  # coarse model of all contacts
 
 
 class Lying(NamedTuple):
     """How the object lies."""
 
     placement: int = 0  # how often it has been turned over
-    # In the world, from how it lay at first; None: since it was turned over nobody knows yet.
+    # Motion from the first pose, world frame; None: not known yet since it was turned over.
     pose: Pose | None = UNTURNED
-    is_turning: bool = False  # whether the hand is still at it
-    fault: str = ""  # why the contacts of the hand have not told
-    contacts: int = 0  # that the hand had made by then
+    is_turning: bool = False  # whether the hand is still turning it over
+    fault: str = ""  # why the hand's contacts did not give the pose; empty if they did
+    contacts: int = 0  # of the hand when the pose was last looked for
 
 
 class SingleResult(NamedTuple):
     """A single touch that was made."""
 
     number: int
-    target: Floats  # as the object lay at first, (3,) [m]
+    target: Floats  # (3,) [m] as the object lay at first
     outcome: TouchOutcome
-    in_vain: bool  # whether it touched nothing near to its target
+    in_vain: bool  # whether it touched nothing near its target
 
 
 class ModelStatus(NamedTuple):
-    """What was asked for, and what the last model said."""
+    """The last model that was requested, and the last finished one."""
 
-    number: int = 0  # of the last that was asked for
-    is_pending: bool = False  # whether that is still in the making
-    slices: int = 0  # slices that were traced when it was asked for
-    end_touches: int = 0  # touches of ends that had hit by then
-    touches: int = 0  # touches that were made by then
-    singles: int = 0  # single touches that the last finished model knows
+    number: int = 0  # of the last requested model
+    is_pending: bool = False  # whether it is not finished yet
+    slices: int = 0  # traced when it was requested
+    end_touches: int = 0  # touches of ends that had hit when it was requested
+    touches: int = 0  # made when it was requested
+    singles: int = 0  # single touches that the last finished model contains
     surface: planners.ObservedSurface | None = None  # of the last finished model
-    general: bool = False  # whether that is a general solid
+    general: bool = False  # whether the last finished model is a general solid
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Exploration:
-    """All that the next goals depend on, beside the demand and the rule."""
+    """All that the next goals depend on, besides the demand and the planner."""
 
     setup: Setup
     fingers: Mapping[int, Finger]  # by their numbers from 1
@@ -207,15 +207,15 @@ class Exploration:
     survey: Survey | None = None  # None until the slicing frame is known
     probes: tuple[int, ...] = ()  # numbers of touches of ends and single touches that hit
     singles: tuple[SingleResult, ...] = ()
-    retry: SingleTouch | None = None  # single touch that is to be begun anew from farther off
+    retry: SingleTouch | None = None  # single touch to repeat from farther off
     model: ModelStatus = field(default_factory=ModelStatus)
     lying: Lying = field(default_factory=Lying)
-    goals: int = 0  # contours and touches that were asked for
-    touches: int = 0  # touches made
-    seconds: float = 0.0  # robot time that has passed [s]
-    is_cut: bool = False  # whether what is left of the budget is too little for a touch
-    faults: int = 0  # results in succession that a fault of the sensor ended
-    broken: str = ""  # why a sensor is not used any more
+    goals: int = 0  # requested contours and touches
+    touches: int = 0  # made so far
+    seconds: float = 0.0  # [s] robot time that has passed
+    is_cut: bool = False  # whether the rest of the budget is too small for a touch
+    faults: int = 0  # results in succession that ended with a fault of the sensor
+    broken: str = ""  # why a sensor was given up; empty if none was
 
     @property
     def surveyed(self) -> Survey:
@@ -225,32 +225,32 @@ class Exploration:
 
     @property
     def tasks(self) -> tuple[Task, ...]:
-        """What fingers are at."""
-        return tuple(one.task for one in self.fingers.values() if one.task is not None)
+        """Tasks of the fingers that are not idle."""
+        return tuple(finger.task for finger in self.fingers.values() if finger.task is not None)
 
     @property
     def end_touches(self) -> int:
-        """Touches of ends that hit."""
-        return len(self.probes) - sum(one.outcome in HITS for one in self.singles)
+        """Number of touches of ends that hit."""
+        return len(self.probes) - sum(single.outcome in HITS for single in self.singles)
 
     @property
     def targets(self) -> tuple[Floats, ...]:
-        """What single touches were aimed at since the last model, (3,) each [m]."""
+        """Targets of single touches since the last model, (3,) each [m]."""
         return tuple(self._in_world(self.singles[self.model.singles :]))
 
     @property
     def refused(self) -> Floats:
-        """What single touches were aimed at in vain, (n, 3) [m]."""
-        return self._in_world([one for one in self.singles if one.in_vain])
+        """Targets of single touches that met nothing near them, (n, 3) [m]."""
+        return self._in_world([single for single in self.singles if single.in_vain])
 
     @property
     def aimed(self) -> Floats:
-        """What single touches were aimed at, (n, 3) [m]."""
+        """Targets of all single touches, (n, 3) [m]."""
         return self._in_world(self.singles)
 
     def _in_world(self, singles: Sequence[SingleResult]) -> Floats:
         """Where the targets of single touches lie now, (n, 3) [m]."""
-        targets = np.reshape([one.target for one in singles], (-1, 3))
+        targets = np.reshape([single.target for single in singles], (-1, 3))
         pose = self.lying.pose
         return targets if self.lying.placement == 0 or pose is None else pose.to_outer(targets)
 
@@ -259,13 +259,13 @@ class Exploration:
         """The finger whose result is taken up next; None if one must be waited for."""
         if self.model.is_pending:
             return None
-        results = {finger: one.result for finger, one in self.fingers.items()}
-        times = {finger: one.robot_time for finger, one in results.items() if one is not None}
-        clocks = {finger: one.clock for finger, one in self.fingers.items()}
+        results = {number: finger.result for number, finger in self.fingers.items()}
+        times = {number: made.robot_time for number, made in results.items() if made is not None}
+        clocks = {number: finger.clock for number, finger in self.fingers.items()}
         return next_finished(times, [task.finger for task in self.tasks], clocks)
 
     def observation(self, demand: Demand, finger: int = 1) -> planners.Observation:
-        """What a rule is told when a finger is idle."""
+        """What the planner receives when a finger is idle."""
         survey, setup = self.surveyed, self.setup
         return planners.Observation(
             low=survey.low,
@@ -298,7 +298,7 @@ class Exploration:
         )
 
     def usual_touches(self, demand: Demand) -> float:
-        """The most touches where nobody asked for a number: of a small object, and else as many."""
+        """Default limit of touches: `small_touches` for a small object; no limit otherwise."""
         settings, points = self.setup.goals, self.hand.points
         if math.isfinite(demand.most_touches) or not len(points):
             return math.inf
@@ -306,11 +306,11 @@ class Exploration:
         return settings.small_touches if small else math.inf
 
     def with_finger(self, number: int, finger: Finger) -> Exploration:
-        """With a finger that does something else."""
+        """The exploration with another state of one finger."""
         return replace(self, fingers={**self.fingers, number: finger})
 
     def after(self, goal: Goal) -> Exploration:
-        """With a goal that was given out."""
+        """The exploration after a goal was sent."""
         match goal:
             case CloseHand():
                 return replace(self, hand=replace(self.hand, last=goal))
@@ -341,7 +341,7 @@ class Exploration:
 def with_contacts(
     known: Exploration, points: Floats, normals: Floats, seconds: float
 ) -> Exploration:
-    """With what one closing of the hand met (n, 3), and the robot time after it [s]."""
+    """Add the contacts (n, 3) of one closing of the hand; `seconds`: robot time after it [s]."""
     before = known.hand
     hand = replace(
         before,
@@ -354,25 +354,25 @@ def with_contacts(
 
 
 def with_turned(known: Exploration, seconds: float) -> Exploration:
-    """With the object set down on another side, and the robot time after it [s]."""
+    """After the object was set down on another side; `seconds`: robot time after it [s]."""
     lying = known.lying._replace(is_turning=False)
     return replace(known, lying=lying, seconds=seconds)
 
 
 def with_coarse(known: Exploration, fit: FittedSuperquadric, axis: Floats | None) -> Exploration:
-    """With the slicing frame that the coarse model lets choose, or with a given axis (3,)."""
+    """Add the coarse model and its slicing frame; `axis` (3,): given by the user, or None."""
     hand, model = replace(known.hand, fit=fit), known.model._replace(is_pending=False)
     return _with_axis(replace(known, hand=hand, model=model), axis)
 
 
 def _with_axis(known: Exploration, axis: Floats | None) -> Exploration:
-    """At the beginning of the slices, along a given axis or along one that is probed."""
+    """Begin a new survey along a given `axis` (3,), or along one that contacts suggest."""
     hand, setup = known.hand, known.setup
     assert hand.fit is not None
     frame = grasp.fit_object_frame(
         hand.fit, hand.points, hand.normals, setup.platform, setup.contact_error, axis
     )
-    # Where heights are the world's, the object stands on its lower end.
+    # An upright frame has the world's heights, and the object stands on its lower end.
     upright = float(frame.pose.axes[2, 2]) == 1.0
     heights = frame.pose.to_local(hand.points)[:, 2]
     survey = Survey(
@@ -390,14 +390,14 @@ def _with_axis(known: Exploration, axis: Floats | None) -> Exploration:
 
 def with_model(
     known: Exploration,
-    dropped: frozenset[int],  # numbers of contours that it had no use for
+    dropped: frozenset[int],  # numbers of contours that the model left out
     uncertainty: ModelUncertainty,
     surface: planners.ObservedSurface | None,
     *,
-    general: bool,  # whether it is a general solid
-    lying: Lying | None = None,  # how the object lies, as far as the model tells; None: as before
+    general: bool,  # whether the model is a general solid
+    lying: Lying | None = None,  # how the object lies by the model; None: as before
 ) -> Exploration:
-    """With what a model says of itself."""
+    """Add a finished model's surface and errors, and which contours it left out."""
     if lying is not None:
         known = replace(known, lying=lying._replace(contacts=len(known.hand.points)))
     survey = known.surveyed.with_dropped(dropped)
@@ -408,7 +408,7 @@ def with_model(
 
 
 def with_result(known: Exploration, finger: int, feature: float) -> Exploration:
-    """With a finger's result taken up; `feature` is the largest untouched height asked for [m]."""
+    """Take up a finger's result; `feature`: largest height that may stay untouched [m]."""
     busy = known.fingers[finger]
     task, result = busy.task, busy.result
     assert task is not None and result is not None
@@ -452,9 +452,9 @@ def _with_end_touch(
 
 
 def _end_axis(known: Exploration, end: probing.End, face: Floats) -> Floats | None:
-    """A better slicing axis, (3,), if the normal of the upper end, in the world, tells one.
+    """A better slicing axis (3,), if the upper end's normal `face` (3,), world frame, gives one.
 
-    None while there is a contour, or if an axis was given: by the user, or by an earlier touch.
+    None once there is a contour, or if an axis was given: by the user, or by an earlier touch.
     """
     survey = known.surveyed
     if end != "upper" or survey.traced or survey.frame.axis == "given":

@@ -20,8 +20,8 @@ from palpate.core.geometry import point_tree
 from palpate.core.poses import Pose
 from palpate.core.touch import Pad
 
-UNKNOWN, FREE, TOUCHED = 0, 1, 2  # States of a voxel
-MAX_VOXELS = 8 << 20  # Of a map: each takes a byte in a message, and 50 while free ones are listed
+UNKNOWN, FREE, TOUCHED = 0, 1, 2  # states of a voxel
+MAX_VOXELS = 8 << 20  # of a map; one takes 1 byte in a message, and 50 while free ones are listed
 States = NDArray[np.uint8]
 Longs = NDArray[np.int64]
 
@@ -31,10 +31,10 @@ class SweepSettings:
     """Which space a move of a pad frees."""
 
     voxel: float = 2.5e-3  # [m] edge of a voxel: a sixth of a pad
-    below_margin: float = 10.0e-3  # [m] aside of touched points: the space below them is empty
-    contact_margin: float = 1.5  # [voxels] before a contact that stay unknown, for poses err
-    max_indentation: float = 1.5e-3  # [m] of a pad in contact: it stays unknown too
-    stride: int = 2  # taxels along rows and columns, between places of the face
+    below_margin: float = 10.0e-3  # [m] around touched points, in the layers below the map
+    contact_margin: float = 1.5  # [voxels] before a contact that stay unknown, as poses err
+    max_indentation: float = 1.5e-3  # [m] before a contact that stays unknown as well
+    stride: int = 2  # [taxels] between the points of the face that sweep space
 
 
 SWEEPS = SweepSettings()
@@ -44,8 +44,8 @@ SWEEPS = SweepSettings()
 class SpaceMap:
     """A three-state map."""
 
-    low: Floats  # Place of the first voxel's middle, (3,), m
-    step: float  # Edge of a voxel, m
+    low: Floats  # (3,) [m] middle of the first voxel
+    step: float  # [m] edge of a voxel
     states: States  # (a, b, c)
 
     def numbers(self, places: Floats) -> Longs:
@@ -55,7 +55,7 @@ class SpaceMap:
         return np.unique(np.ravel_multi_index(tuple(at.T), self.states.shape))
 
     def marked(self, free: Longs, touched: Longs) -> SpaceMap:
-        """With voxels, by their numbers, that are free or touched; touched is what was both."""
+        """The map with these voxels free or touched, by number; a voxel in both becomes touched."""
         states = self.states.copy()
         flat = states.reshape(-1)
         flat[free] = np.maximum(flat[free], FREE)
@@ -73,16 +73,16 @@ class SpaceMap:
         return np.stack(np.meshgrid(x, y, heights), axis=-1).reshape(-1, 3)
 
     def free_places(self) -> Floats:
-        """Middles of the free voxels, (k, 3), m."""
+        """Middles of the free voxels, (k, 3) [m]."""
         return np.argwhere(self.states == FREE) * self.step + self.low
 
 
 def empty_map(
     reach: float, platform: float, centre: Sequence[float] = (0.0, 0.0), step: float = SWEEPS.voxel
 ) -> SpaceMap:
-    """A map of all that a finger reaches, so far sideways of `centre` and up from platform, m.
+    """A map of all within `reach` [m]: to each side of `centre`, and up from the platform [m].
 
-    Voxels are larger than `step` where the map would have more than `MAX_VOXELS`.
+    Voxels are larger than `step` [m] where the map would have more than `MAX_VOXELS`.
     """
     step = max(step, reach * (4.0 / MAX_VOXELS) ** (1.0 / 3.0))
     low = np.array([centre[0] - reach, centre[1] - reach, platform])
@@ -91,9 +91,9 @@ def empty_map(
 
 
 def swept_places(pad: Pad, start: Pose, pose: Pose, step: float, *, touched: bool) -> Floats:
-    """Places (n, 3) that the face of a pad has passed on its way, so close together, m.
+    """Places (n, 3) [m] that the face of a pad has passed in a move, half a `step` [m] apart.
 
-    `start` and `pose`: before and after the move. `touched`: whether it met something.
+    `start` and `pose`: before and after the move. `touched`: whether it ended in contact.
     """
     position, axes = start
     length = float((pose.position - position) @ axes[:, 2])
@@ -101,17 +101,17 @@ def swept_places(pad: Pad, start: Pose, pose: Pose, step: float, *, touched: boo
         length -= SWEEPS.contact_margin * step + SWEEPS.max_indentation
     if length <= 0.0:
         return np.zeros((0, 3))
-    ways = np.arange(0.0, length, 0.5 * step)
+    advances = np.arange(0.0, length, 0.5 * step)
     some = slice(None, None, SWEEPS.stride)
     x, y = (axis[some, some].ravel() for axis in pad.grid())
     face = np.column_stack([x, y, -pad.sag()[some, some].ravel()]) @ axes.T + position
-    return np.asarray((face + ways[:, None, None] * axes[:, 2]).reshape(-1, 3))
+    return np.asarray((face + advances[:, None, None] * axes[:, 2]).reshape(-1, 3))
 
 
 def spanned_places(pad: Pad, pose: Pose, touched: Bools) -> Floats:
-    """Places (n, 3) on the face of a pad that nothing touched, between others that were, m.
+    """Places (n, 3) [m] of untouched taxels that lie between touched ones in a row or column.
 
-    What lies there behind the face is hollow. `pose`: of the pad. `touched` (rows, cols).
+    The surface is hollow there. `pose`: of the pad. `touched` (rows, cols): mask of taxels.
     """
     spanned = np.any([_before_and_after(touched, axis)[0] >= 0 for axis in (0, 1)], axis=0)
     return pose.to_outer(_face(pad)[spanned.ravel()])
@@ -119,23 +119,23 @@ def spanned_places(pad: Pad, pose: Pose, touched: Bools) -> Floats:
 
 @dataclass(frozen=True, slots=True)
 class ValleySettings:
-    """Which spanned places lie in a valley.
+    """Which spanned places lie in a valley, by the angle between the normals on its two sides.
 
-    The sides of a right-angled step lean by 90 degrees, those of a bore in a plane not at all.
+    That angle is 90 degrees at a right-angled step, and 0 around a bore in a plane.
     """
 
     min_angle: float = 20.0  # [deg] between the normals to both sides
-    max_half_sine: float = 0.9  # sine of half that angle: larger ones count as this
-    reach: float = 3.0e-3  # [m] of a valley from where a pad spanned it
+    max_half_sine: float = 0.9  # largest sine of half that angle; larger ones are lowered to it
+    reach: float = 3.0e-3  # [m] around spanned places, up to which a place is in the valley
 
 
 class UntouchedPlaces(NamedTuple):
-    """Places on the face of a pad that touched nothing while others did, world frame, m."""
+    """Places of untouched taxels of a pad whose other taxels touch; world frame [m]."""
 
-    openings: Floats  # (k, 3), between others: the surface behind may have any depth
-    valleys: Floats  # (l, 3): the sides lean towards each other and hold the pad off
-    slopes: Floats  # (l,): depth of the valley if its sides continue, over the distance from them
-    hanging: Floats  # (h, 3), beside what was touched: beyond an edge, or over the mouth of a hole
+    openings: Floats  # (k, 3) between touched taxels: the surface behind may have any depth
+    valleys: Floats  # (l, 3) between two sides that lean towards each other and hold the pad off
+    slopes: Floats  # (l,) depth of the valley if its sides continue, per distance from its sides
+    hanging: Floats  # (h, 3) beside the contact: beyond an edge, or over the mouth of a hole
 
     def slopes_at(self, places: Floats, settings: ValleySettings = ValleySettings()) -> Floats:
         """Slopes (n,) of the nearest valleys at places (n, 3) [m]; 0 outside all valleys."""
@@ -199,16 +199,16 @@ def _before_and_after(touched: Bools, axis: int) -> tuple[Longs, Longs]:
 
 
 def _face(pad: Pad) -> Floats:
-    """Places (rows * cols, 3) of the taxels, in the pad's frame, m."""
+    """Places (rows * cols, 3) of the taxels, in the pad's frame [m]."""
     x, y = pad.grid()
     return np.column_stack([x.ravel(), y.ravel(), -pad.sag().ravel()])
 
 
 def _leaning(before: Floats, after: Floats, points: Floats, normals: Floats) -> Floats:
-    """Difference (n,) of the normals to both sides, along the line between the sides.
+    """Difference (n,) of the normals on both sides, projected on the line between the sides.
 
     `before`, `after` (n, 3): places of the two sides [m]; the normal of each is that of the nearest
-    of `points`. Negative where the normals lean towards each normals_after.
+    of `points`. Negative where the normals lean towards each other.
     """
     if not len(before) or not len(points):
         return np.zeros(len(before))

@@ -1,14 +1,14 @@
-"""How an object lies that was turned over: its pose, from a few contacts and the solid as known.
+"""Pose of an object after it was turned over, from a few contacts and the known solid.
 
-It was set down on another side, by a hand that errs, with a turn about the vertical that nobody
-knows, and may have rolled onto a side that nobody asked for. So each side on which the solid may
-rest is tried at even azimuths. From there contacts are brought onto the surface, by their
-distances from its tangent planes and by the angles between normals (Chen and Medioni, *Object
+The hand sets the object down on another side. The hand errs, the turn about the vertical is
+unknown, and the object may roll onto a side that was not requested. So each side on which the solid
+can rest is tried, at even azimuths. From each start, contacts are registered to the surface, by
+their distances from its tangent planes and by the differences of normals (Chen and Medioni, *Object
 modelling by registration of multiple range images*, 1992; normals as by Serafin and Grisetti,
-*NICP*, 2015), each over what it may be off: so places of which nothing is known say little. The
-lowest corner of the hull touches the platform, which tells the height of an object that was met on
-upright sides alone. Poses that fit as well as the best one are told: the object looks alike from
-there.
+*NICP*, 2015). Each residual is divided by its standard deviation, so that unknown places have a
+small weight. The lowest corner of the hull touches the platform: this gives the height where only
+upright sides were touched. Other poses that fit as well as the best one are returned too: then the
+object looks alike in them.
 """
 
 from __future__ import annotations
@@ -35,50 +35,50 @@ from palpate.core.poses import (
 class PlacingSettings:
     """How the pose of an object that was turned over is looked for."""
 
-    n_azimuths: int = 36  # turns about the vertical from which each side is tried
-    max_rests: int = 24  # sides that are tried, those nearest to the one asked for, if any
-    rest_spacing: float = math.radians(12.0)  # sides that differ by less are tried as one [rad]
-    coarse_steps: int = 12  # of all starts
-    n_best: int = 12  # poses, no two of them alike, that are followed to the end
-    fine_steps: int = 25
-    tolerance: float = 1.0e-4  # a step that promises to lower the cost by less than its square ends
-    normal_error: float = 0.25  # standard deviation of a normal's components, at least
-    # [m] about a place, within which the largest angle between normals counts as an error, too: at
-    # an edge a contact's normal is that of neither face.
+    n_azimuths: int = 36  # starts of each side, turned about the vertical
+    max_rests: int = 24  # sides that are tried, nearest to the requested one first
+    rest_spacing: float = math.radians(12.0)  # [rad] between sides; of nearer ones, one is tried
+    coarse_steps: int = 12  # Levenberg-Marquardt steps from every start
+    n_best: int = 12  # distinct poses that are refined
+    fine_steps: int = 25  # Levenberg-Marquardt steps of each refined pose
+    tolerance: float = 1.0e-4  # root of the predicted relative decrease of the cost that ends a fit
+    normal_error: float = 0.25  # [1] smallest standard deviation of a normal's components
+    # [m] around a place. The largest angle between its normal and others there is added to the
+    # normal's error: a contact at an edge has the normal of neither face.
     edge_reach: float = 2.0e-3
-    n_neighbours: int = 16  # of a place that are looked at
-    least_error: float = 0.2e-3  # [m] of a place of the surface: how far apart places are counts
-    # Standard deviations added to the height of a corner of the hull before corners are compared:
-    # the object stands on the one that is lowest then.
+    n_neighbours: int = 16  # nearest places that are compared for that angle
+    least_error: float = 0.2e-3  # [m] smallest error of a place: places lie about so far apart
+    # [standard deviations] added to the height of a corner of the hull before corners are compared:
+    # the object stands on the corner that is lowest then.
     corner_sigmas: float = 2.0
-    outlier: float = 3.0  # deviations from which on a contact counts as an outlier
-    same_angle: float = math.radians(8.0)  # poses turned by less are one [rad]
-    # Costs are negative logarithms of likelihoods, half the squares of what is off.
-    rocked_angle: float = math.radians(10.0)  # leaning more than asked, it has rocked [rad]
-    rocked_cost: float = 4.0  # of that: it happens in a few of a hundred turns
-    rocked_growth: float = 3.0  # [1/rad] of that cost with the angle: it seldom rolls far
-    same_cost: float = 4.0  # poses are as good as the best if their cost is larger by no more
-    max_cost: float = 2.0  # of each contact, of the best pose: beyond it the pose is not known
-    min_contacts: int = 8
+    outlier: float = 3.0  # [standard deviations] scale of the Cauchy loss of a residual
+    same_angle: float = math.radians(8.0)  # [rad] between poses, below which they are the same
+    # Costs are negative logarithms of likelihoods: half the sum of squared residuals.
+    rocked_angle: float = math.radians(10.0)  # [rad] of lean from the request: beyond it, it rocked
+    rocked_cost: float = 4.0  # added then: an object rocks in a few of a hundred turns
+    rocked_growth: float = 3.0  # [1/rad] added per angle beyond that: an object seldom rolls far
+    same_cost: float = 4.0  # above the cost of the best pose, up to which a pose fits as well
+    max_cost: float = 2.0  # per contact, of the best pose; beyond it the pose is unknown
+    min_contacts: int = 8  # with fewer the pose is unknown
 
 
 PLACING = PlacingSettings()
 
 
 class KnownSurface(NamedTuple):
-    """Places of a solid in its own frame, and how far they may be off."""
+    """Places of a solid in its own frame, and their errors."""
 
     points: Floats  # (n, 3) [m]
-    normals: Floats  # outward, (n, 3)
-    errors: Floats  # standard deviations, (n,) [m]
+    normals: Floats  # (n, 3) outward
+    errors: Floats  # (n,) [m] standard deviations
 
 
 class Placement(NamedTuple):
     """How an object lies."""
 
     pose: Pose  # of its own frame in the world
-    cost: float  # of the contacts, each: 0.5 to 1 where they fit
-    error: float  # root mean square shift along the normals that contacts leave open [m]
+    cost: float  # per contact; 0.5 to 1 where contacts fit
+    error: float  # [m] standard deviation of the pose, as rms shift along the contacts' normals
     alternatives: tuple[Pose, ...]  # other poses that fit as well
 
 
@@ -91,11 +91,11 @@ def place_object(
     platform: float,
     settings: PlacingSettings = PLACING,
 ) -> Placement | None:
-    """How it lies, or None where the contacts fit it nowhere.
+    """How the object lies, or None where the contacts fit in no pose.
 
     `resting`: the solid's hull, in its own frame. `points`, `normals` (n, 3): contacts in the world
-    [m]. `asked` (3, 3): the rotation that it was to be given; None if nobody asked for one.
-    `platform`: height on which it lies.
+    [m]. `asked` (3, 3): the requested rotation; None if there was no request. `platform`: height on
+    which the object lies [m].
     """
     if len(points) < settings.min_contacts:
         return None
@@ -123,7 +123,7 @@ def place_object(
 
 
 def _unlike(poses: list[Pose], costs: Floats, same_angle: float) -> list[int]:
-    """Numbers of poses, the best first, without those that are turned little from better ones."""
+    """Numbers of distinct poses, cheapest first: `same_angle` or more apart."""
     kept: list[int] = []
     for number in np.argsort(costs, kind="stable").tolist():
         turns = (rotation_angle(poses[number].axes, poses[better].axes) for better in kept)
@@ -139,14 +139,14 @@ def _starts(
     platform: float,
     settings: PlacingSettings,
 ) -> list[Pose]:
-    """Poses of the object on each of its sides, turned about the vertical, amid the contacts."""
-    sides, first = [one.down for one in resting.rests], list[Floats]()
+    """Poses of the object on each of its sides, at even azimuths, centred on the contacts."""
+    sides, first = [rest.down for rest in resting.rests], list[Floats]()
     if asked is not None:
         first = [-asked[2]]  # downwards in the object's frame
-        sides.sort(key=lambda one: -float(one @ first[0]))
+        sides.sort(key=lambda side: -float(side @ first[0]))
     rests: list[Floats] = []
     for side in sides:
-        if all(one @ side < math.cos(settings.rest_spacing) for one in rests):
+        if all(rest @ side < math.cos(settings.rest_spacing) for rest in rests):
             rests.append(side)
     middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
     poses = []
@@ -162,7 +162,7 @@ def _starts(
 
 
 class _Registration:
-    """Contacts that are brought onto a surface, by small motions of poses at which they begin."""
+    """Least squares problem: the motions of start poses that bring contacts onto a surface."""
 
     def __init__(
         self,
@@ -189,7 +189,7 @@ class _Registration:
         self.hull_errors = self.errors[self.tree.query(hull)[1]]
 
     def solve(self, starts: list[Pose], steps: int) -> Solutions:
-        """From each pose, a turn and a shift of the contacts about their middle, (b, 6)."""
+        """Solutions (b, 6): a turn and a shift of the contacts about their middle, per start."""
         turns = np.stack([start.axes.T for start in starts])
         shifts = np.stack([start.to_local(self.middle[None])[0] for start in starts])
         return levenberg_marquardt(
@@ -203,13 +203,13 @@ class _Registration:
         )
 
     def pose(self, start: Pose, parameters: Floats) -> Pose:
-        """The pose of the object that a start's motion leads to."""
+        """The object's pose after the motion `parameters` (6,) of a start."""
         turn = start.axes.T @ rotations_from_vectors(parameters[None, :3])[0]
         shift = start.to_local(self.middle[None])[0] + parameters[3:]
         return Pose(self.middle - turn.T @ shift, np.ascontiguousarray(turn.T))
 
     def error(self, start: Pose, parameters: Floats) -> float:
-        """How far the pose may be off along the normals at the contacts, root mean square [m]."""
+        """Rms standard deviation of the pose along the normals at the contacts [m]."""
         turns, shifts = start.axes.T[None], start.to_local(self.middle[None])
         _, jacobian = self._residuals(turns, shifts, parameters[None])
         covariance = np.linalg.pinv(jacobian[0].T @ jacobian[0])
@@ -220,7 +220,7 @@ class _Registration:
         return float(np.sqrt(np.mean(variances * errors**2)))
 
     def _moved(self, turns: Floats, shifts: Floats, parameters: Floats) -> Floats:
-        """Contacts (b, n, 3) in the object's frame."""
+        """Contacts (b, n, 3) in the object's frame [m]."""
         rotations = turns @ rotations_from_vectors(parameters[:, :3])
         offsets = shifts[:, None] + parameters[:, None, 3:]
         return np.asarray((self.points - self.middle) @ rotations.transpose(0, 2, 1) + offsets)
@@ -228,7 +228,7 @@ class _Registration:
     def _residuals(
         self, turns: Floats, shifts: Floats, parameters: Floats
     ) -> tuple[Floats, Floats]:
-        """Distances from tangent planes, (b, n), of normals, (b, 3 n), and from the platform."""
+        """Residuals (b, 4 n + 1) and Jacobian: of tangent planes, normals, and the platform."""
         rotations = turns @ rotations_from_vectors(parameters[:, :3])
         moved = self._moved(turns, shifts, parameters)
         nearest = np.reshape(self.tree.query(moved.reshape(-1, 3))[1], moved.shape[:2])
@@ -249,10 +249,10 @@ class _Registration:
         return residuals, np.concatenate([by_place, by_normal, by_height], axis=1)
 
     def _heights(self, rotations: Floats, shifts: Floats, bends: Floats) -> tuple[Floats, Floats]:
-        """How high the lowest corners of the hull stand over the platform, (b, 1), and its growth.
+        """Height (b, 1) of the hull's lowest corner over the platform, and derivatives (b, 1, 6).
 
-        Both over what these corners may be off; (b, 1, 6). Corners that may be off by much, as of a
-        ripple that nothing touched, do not count as lowest.
+        Both are divided by that corner's standard deviation. Uncertain corners, as of an untouched
+        ripple, are not taken for the lowest: see `corner_sigmas`.
         """
         ups = rotations[:, :, 2]  # the vertical in the object's frame
         margins = self.settings.corner_sigmas * self.hull_errors

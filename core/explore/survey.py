@@ -1,10 +1,10 @@
 """Everything that an exploration has found so far, in the slicing frame, as a value.
 
-A planner is told of it as an `Observation`: radii about one axis, slopes, curvatures, bands of
-contact. That axis is the straight line through the middles of the
-contours. Where one of them does not surround it, as in a banana, each contour is seen from its own
-middle, and the slopes are corrected for how that moves. Results of several fingers are taken up in
-the order of robot time, whatever the order in which they arrived.
+A planner receives it as an `Observation`: radii about one axis, slopes, curvatures, bands of
+contact. The axis is the straight line through the middles of the contours.
+Where one contour does not surround that line, as in a banana, the radii of each contour are about
+its own middle, and slopes are corrected for the middle's shift with height. Results of several
+fingers are taken up in the order of robot time, not in the order of arrival.
 """
 
 from __future__ import annotations
@@ -32,34 +32,34 @@ from palpate.core.geometry import area_centroid, winding_number
 class SurveySettings:
     """Which contours are of use, and how planners see them."""
 
-    # Default of the largest height that may stay untouched, over the tolerance: an arc as long bows
-    # by the tolerance where it turns by 4.6 degrees.
+    # [tolerances] default of the largest height that may stay untouched: an arc of this length that
+    # turns by 4.6 degrees bows by one tolerance.
     feature_ratio: float = 100.0
-    finger_spacing: float = 1.5  # height between the slices of two fingers [pad widths]
-    n_azimuths: int = 48
-    min_points: int = 8
-    max_missing: float = 0.35  # fraction of a contour's length that could not be touched
-    max_band_shift: int = 6  # neighbours to each side at which a band is looked for
-    min_facing: float = 0.15  # outward part of a normal; a wall that is nearly level counts as this
-    approach_distance: float = 30e-3  # of the pad, outside the widest contour so far [m]
+    finger_spacing: float = 1.5  # [pad widths] of height between the slices of two fingers
+    n_azimuths: int = 48  # at which planners see a contour
+    min_points: int = 8  # of a usable contour
+    max_missing: float = 0.35  # fraction of a usable contour's length that could not be touched
+    max_band_shift: int = 6  # points to each side whose bands may widen a point's band
+    min_facing: float = 0.15  # smallest outward part of a normal by which a slope is divided
+    approach_distance: float = 30e-3  # [m] from the widest contour so far, where the pad starts
 
 
 SURVEYING = SurveySettings()
 
 
-# What an object stands on is taken for flat, or must be known.
+# The side on which an object stands is assumed flat, or must be touched ("known").
 Underside = Literal["flat", "known"]
 
 
 class Demand(NamedTuple):
     """What is asked of an exploration."""
 
-    tolerance: float  # Root mean square error, m
-    feature: float  # Largest height that may stay untouched, m
-    most_touches: float  # Touches that may be made
-    most_seconds: float  # Robot time that may pass, s
+    tolerance: float  # [m] root mean square error
+    feature: float  # [m] largest height that may stay untouched
+    most_touches: float  # largest number of touches
+    most_seconds: float  # [s] longest robot time
     underside: Underside = "flat"
-    most_turns: int = 0  # Times that the object may be set down on another side
+    most_turns: int = 0  # how often the object may be set down on another side
 
     @property
     def limits(self) -> Limits:
@@ -69,96 +69,96 @@ class Demand(NamedTuple):
 
 
 class ModelUncertainty(NamedTuple):
-    """What the last model says of its own errors."""
+    """Errors that the last model states for itself."""
 
-    heights: Floats = np.zeros(0)  # (n,), m
-    deviations: Floats = np.zeros(0)  # Standard deviation of the side there, (n,), m
-    whole: float | None = None  # Of the whole surface, ends included, m; None without a solid
-    ends: float = 0.0  # Of it, the part that the ends make, m
-    pose: float = 0.0  # Standard deviation of a touch's place, m
-    # False if it had to be rebuilt from contours alone, for its slices are not star-shaped.
+    heights: Floats = np.zeros(0)  # (n,) [m]
+    deviations: Floats = np.zeros(0)  # (n,) [m] standard deviation of the side at these heights
+    whole: float | None = None  # [m] standard deviation of the whole surface; None without a solid
+    ends: float = 0.0  # [m] part of `whole` that comes from the ends
+    pose: float = 0.0  # [m] standard deviation of a touch's place
+    # False if slices are not star-shaped, so that it was rebuilt from contours alone.
     starlike: bool = False
-    bounded: bool = True  # Whether its method of rebuilding states errors
+    bounded: bool = True  # whether the method of rebuilding states errors
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Survey:
     """What is known of an object."""
 
-    frame: ObjectFrame  # The slicing frame, and what the grasp lets expect
-    low: float  # Where it begins along the slicing axis, m
-    high: float  # Where it ends, m
-    low_deviation: float  # Standard deviation of `low`, m; 0 once it was touched
-    high_deviation: float  # Of `high`
-    standing: bool  # Whether it stands on its lower end, so that this is known
-    reached: tuple[float, float]  # Lowest and highest height at which anything was touched, m
-    traced: tuple[TracedContour, ...] = ()  # Slices in the order in which they were taken up
+    frame: ObjectFrame  # slicing frame, with the extent that the grasp suggests
+    low: float  # [m] height of its lower end along the slicing axis
+    high: float  # [m] height of its upper end
+    low_deviation: float  # [m] standard deviation of `low`; 0 once that end was touched
+    high_deviation: float  # [m] standard deviation of `high`; 0 once that end was touched
+    standing: bool  # whether it stands on its lower end, whose height is then known
+    reached: tuple[float, float]  # [m] lowest and highest height at which anything was touched
+    traced: tuple[TracedContour, ...] = ()  # slices in the order in which they were taken up
     # Touches of each end, slicing frame.
     ends: Mapping[End, tuple[ProbeResult, ...]] = field(default_factory=dict)
-    tips: tuple[Floats, ...] = ()  # Where ends were touched, the farthest place of each, (3,), m
-    uncertainty: ModelUncertainty = field(default_factory=ModelUncertainty)  # Of the last model
+    tips: tuple[Floats, ...] = ()  # (3,) [m] outermost touched place of each touched end
+    uncertainty: ModelUncertainty = field(default_factory=ModelUncertainty)  # of the last model
 
     @property
     def slices(self) -> tuple[ObservedSlice, ...]:
-        """Slices as a planner takes them, in the same order."""
+        """Slices in the form that planners use, in the same order."""
         return observed_slices(self.traced, self._deviations())
 
     @property
     def contours(self) -> tuple[int, ...]:
         """Numbers of the contours that a model is fitted to."""
-        return tuple(one.number for one in self.traced if one.tells)
+        return tuple(contour.number for contour in self.traced if contour.tells)
 
     @property
     def arcs(self) -> tuple[int, ...]:
-        """Numbers of those that are of no use themselves: what their touches met counts."""
-        return tuple(one.number for one in self.traced if not one.tells)
+        """Numbers of unusable contours, of which the model uses only the touched taxels."""
+        return tuple(contour.number for contour in self.traced if not contour.tells)
 
     @property
     def failed(self) -> bool:
         """Whether a slice could not be traced, for another reason than a spent budget."""
-        return any(not (one.tells or one.ran_out) for one in self.traced)
+        return any(not (contour.tells or contour.ran_out) for contour in self.traced)
 
     def approach(self, height: float) -> tuple[Floats, float]:
-        """Where the middle of a slice is expected, (2,), and from how far to come, m."""
-        contours = [one for one in self.traced if one.usable]
+        """Expected middle (2,) [m] of a slice, and the distance [m] from which the pad comes."""
+        contours = [contour for contour in self.traced if contour.usable]
         if not contours:
             return np.zeros(2), self.frame.radius + SURVEYING.approach_distance
-        heights, points = [one.height for one in contours], [one.points for one in contours]
+        heights, points = [made.height for made in contours], [made.points for made in contours]
         return expected_approach(height, heights, points, self.tips)
 
     def outermost(self, *, upper: bool) -> TracedContour | None:
         """The usable contour nearest to an end; None while there is none."""
-        contours = (one for one in self.traced if one.usable)
-        return (max if upper else min)(contours, key=lambda one: one.height, default=None)
+        usable = (contour for contour in self.traced if contour.usable)
+        return (max if upper else min)(usable, key=lambda contour: contour.height, default=None)
 
     def with_slice(self, traced: TracedContour) -> Survey:
-        """With one slice more."""
+        """The survey with one more slice."""
         survey = replace(self, traced=(*self.traced, traced))
         if not traced.usable:
             return survey
         return survey.reaching(float(traced.contact_low.min()), float(traced.contact_high.max()))
 
     def reaching(self, low: float, high: float) -> Survey:
-        """With something touched at these heights, m: the object reaches at least as far."""
+        """The survey after contact at these heights [m]: the object reaches at least as far."""
         low, high = min(low, self.reached[0]), max(high, self.reached[1])
         below = self.low if self.standing else min(self.low, low)
         return replace(self, reached=(low, high), low=below, high=max(self.high, high))
 
     def with_dropped(self, numbers: Collection[int]) -> Survey:
-        """With exactly these contours marked as of no use to the model."""
+        """The survey in which exactly these contours are marked as dropped by the model."""
         traced = tuple(
-            one if one.dropped == (one.number in numbers) else replace(one, dropped=not one.dropped)
-            for one in self.traced
+            old if old.dropped == (old.number in numbers) else replace(old, dropped=not old.dropped)
+            for old in self.traced
         )
         return replace(self, traced=traced)
 
     def with_end_touch(self, end: End, touch: ProbeResult) -> Survey:
-        """With one touch more of an end."""
+        """The survey with one more touch of an end."""
         touches = (*self.ends.get(end, ()), touch)
         survey = replace(self, ends={**self.ends, end: touches})
         if touch.touched:
             survey = survey.reaching(float(touch.point[2]), float(touch.point[2]))
-        faces = [one.point for one in touches if one.touched and one.command.reason != "edge"]
+        faces = [made.point for made in touches if made.touched and made.command.reason != "edge"]
         if not faces:
             return survey
         upper = end == "upper"
@@ -166,10 +166,10 @@ class Survey:
         return survey.ended(tip, upper=upper)
 
     def ended(self, tip: Floats, *, upper: bool) -> Survey:
-        """With an end that was touched in this place, (3,); touches beyond still count."""
+        """The survey with an end at a touched place (3,) [m], or at any touch beyond it."""
         height = float(tip[2])
         middle = 0.5 * (self.low + self.high)
-        opposite = tuple(one for one in self.tips if (one[2] > middle) != upper)
+        opposite = tuple(other for other in self.tips if (other[2] > middle) != upper)
         survey = replace(self, tips=(*opposite, tip))
         if upper:
             return replace(survey, high=max(height, self.reached[1]), high_deviation=0.0)
@@ -178,7 +178,7 @@ class Survey:
     def _deviations(self) -> tuple[float, ...]:
         if not len(self.uncertainty.heights):
             return (0.0,) * len(self.traced)
-        at = [one.height for one in self.traced]
+        at = [contour.height for contour in self.traced]
         return tuple(np.interp(at, self.uncertainty.heights, self.uncertainty.deviations).tolist())
 
 
@@ -186,31 +186,31 @@ class Survey:
 def observed_slices(
     traced: tuple[TracedContour, ...], deviations: tuple[float, ...]
 ) -> tuple[ObservedSlice, ...]:
-    """Slices as a planner takes them, in the same order."""
-    seen = iter(zip(*contour_axis([one for one in traced if one.usable]), strict=True))
+    """Slices in the form that planners use, in the same order."""
+    seen = iter(zip(*contour_axis([contour for contour in traced if contour.usable]), strict=True))
     return tuple(
-        _seen(one, *next(seen), deviation)
-        if one.usable
-        else slice_without_contour(one.height, one.outcome, one.touches, one.seconds)
-        for one, deviation in zip(traced, deviations, strict=True)
+        _seen(made, *next(seen), deviation)
+        if made.usable
+        else slice_without_contour(made.height, made.outcome, made.touches, made.seconds)
+        for made, deviation in zip(traced, deviations, strict=True)
     )
 
 
 def contour_axis(contours: Sequence[TracedContour]) -> tuple[Floats, Floats]:
-    """Places (m, 2) from which contours are seen, m, and how they move with the height, (m, 2).
+    """Origins (m, 2) [m] of the contours' radii, and their shift per height (m, 2).
 
-    On the straight line through middles, or, where it leaves a contour, the middles themselves.
+    They lie on the straight line through the middles; where it leaves a contour, at the middles.
     """
     if not contours:
         return np.zeros((0, 2)), np.zeros((0, 2))
-    heights = np.array([one.height for one in contours])
-    middles = np.stack([one.middle for one in contours])
+    heights = np.array([contour.height for contour in contours])
+    middles = np.stack([contour.middle for contour in contours])
     if len(contours) == 1:
         return middles, np.zeros((1, 2))
     offset = heights - heights.mean()
     lean = offset @ middles / max(float(offset @ offset), np.finfo(float).tiny)
     places = middles.mean(axis=0) + offset[:, None] * lean
-    if all(_surrounds(one.points, place) for one, place in zip(contours, places, strict=True)):
+    if all(_surrounds(seen.points, place) for seen, place in zip(contours, places, strict=True)):
         return places, np.broadcast_to(lean, places.shape)
     order = np.argsort(heights, kind="stable")
     leans = np.empty_like(middles)
@@ -219,7 +219,7 @@ def contour_axis(contours: Sequence[TracedContour]) -> tuple[Floats, Floats]:
 
 
 def _surrounds(points: Floats, place: Floats) -> bool:
-    """Whether a closed contour goes round a place once, and never back by much."""
+    """Whether a closed contour goes around a place (2,) [m]: it winds by more than half a turn."""
     away = points[:, :2] - place
     turn = np.unwrap(np.arctan2(away[:, 1], away[:, 0]))
     return abs(turn[-1] - turn[0]) > np.pi and float(np.linalg.norm(away, axis=1).min()) > 0.0
@@ -247,7 +247,7 @@ def _seen(contour: TracedContour, place: Floats, lean: Floats, deviation: float)
 
 
 def _by_azimuth(turns: Floats) -> Callable[[Floats], Floats]:
-    """Interpolates values (n,) at azimuths (n,), rad, at those at which contours are seen."""
+    """A function that interpolates values (n,) at azimuths (n,) [rad] to the even azimuths."""
     whole = 2.0 * np.pi
     at, turns = whole * np.arange(SURVEYING.n_azimuths) / SURVEYING.n_azimuths, turns % whole
     order = np.argsort(turns)
@@ -259,15 +259,15 @@ def _by_azimuth(turns: Floats) -> Callable[[Floats], Floats]:
 def expected_approach(
     height: float, heights: Sequence[float], contours: Sequence[Floats], tips: Sequence[Floats] = ()
 ) -> tuple[Floats, float]:
-    """Where the middle of a slice is expected, (2,), and from how far it is approached, m."""
-    nearest = int(np.argmin([abs(one - height) for one in heights]))
+    """Expected middle (2,) [m] of a slice, and the distance [m] from which the pad comes."""
+    nearest = int(np.argmin([abs(other - height) for other in heights]))
     middle = _leant(height, heights[nearest], contours[nearest], tips)
     widest = max(float(np.linalg.norm(points[:, :2] - middle, axis=1).max()) for points in contours)
     return middle, widest + SURVEYING.approach_distance
 
 
 def _leant(height: float, nearest: float, contour: Floats, tips: Sequence[Floats]) -> Floats:
-    """The contour's middle, moved towards a tip that the slice lies on the way to, (2,), m."""
+    """Middle (2,) [m] of a contour, moved towards a tip that lies beyond the slice, beside it."""
     middle = area_centroid(contour)
     for tip in tips:
         share = (height - nearest) / (tip[2] - nearest) if tip[2] != nearest else 0.0
@@ -280,19 +280,19 @@ def _leant(height: float, nearest: float, contour: Floats, tips: Sequence[Floats
 class TracedContour:
     """A contour, slicing frame."""
 
-    height: float  # m
-    status: str  # As in `palpate.messages.types.Contour`
-    points: Floats  # (n, 3), m
-    normals: Floats  # Outward unit normals, (n, 3)
-    across: Floats  # Normal curvature across the contour, (n,), 1/m
-    contact_low: Floats  # Lowest height touched below each point, (n,), m
-    contact_high: Floats  # Highest height touched above it, (n,), m
-    missing: float  # Length of its gaps, as the crow flies, m
-    touches: int  # That it took
-    seconds: float  # Robot time that it took, s
-    number: int = 0  # Of the goal
-    max_touches: int = 0  # It was to be given up after so many
-    dropped: bool = False  # Whether the model had no use for it
+    height: float  # [m]
+    status: str  # as in `palpate.messages.types.Contour`
+    points: Floats  # (n, 3) [m]
+    normals: Floats  # (n, 3) outward unit normals
+    across: Floats  # (n,) [1/m] normal curvature across the contour
+    contact_low: Floats  # (n,) [m] lowest height touched below each point
+    contact_high: Floats  # (n,) [m] highest height touched above it
+    missing: float  # [m] sum of the straight lengths of its gaps
+    touches: int  # that it took
+    seconds: float  # [s] robot time that it took
+    number: int = 0  # of its goal
+    max_touches: int = 0  # after which tracing would have given up
+    dropped: bool = False  # whether the model left it out
 
     @property
     def outcome(self) -> SliceOutcome:
@@ -301,17 +301,17 @@ class TracedContour:
 
     @property
     def tells(self) -> bool:
-        """Whether it tells where the surface is, whatever use a model had for it."""
+        """Whether it shows where the surface is, even if the model left it out."""
         return self.ended in (SliceOutcome.CLOSED, SliceOutcome.OCCLUDED)
 
     @property
     def ran_out(self) -> bool:
-        """Whether the budget ended it."""
+        """Whether the run's budget ended it, and not its own limit of touches."""
         return self.status == "budget" and self.touches < self.max_touches
 
     @cached_property
     def ended(self) -> SliceOutcome:
-        """How it ended by itself."""
+        """How tracing ended, before any model."""
         if self.status in ("pole", "no_contact"):
             return SliceOutcome.LOST
         if self.status == "budget":
@@ -325,23 +325,23 @@ class TracedContour:
 
     @property
     def usable(self) -> bool:
-        """Whether it tells where the surface is."""
+        """Whether it shows where the surface is, and the model uses it."""
         return self.tells and not self.dropped
 
     @cached_property
     def middle(self) -> Floats:
-        """Centroid of its area, (2,), m."""
+        """Centroid (2,) [m] of its area."""
         return area_centroid(self.points)
 
     @cached_property
     def perimeter(self) -> float:
-        """Its length, gaps included, m."""
+        """Its length [m], gaps included."""
         steps = np.diff(self.points, axis=0, append=self.points[:1])
         return float(np.linalg.norm(steps, axis=1).sum())
 
 
 def widened(contour: TracedContour, feature: float) -> TracedContour:
-    """A contour whose bands count half a feature aside: what is narrower may stay untouched."""
+    """A contour whose bands include those of points within half a `feature` [m] beside them."""
     low, high = contour.contact_low, contour.contact_high
     for shift in range(1, SURVEYING.max_band_shift + 1):
         for step in (shift, -shift):
@@ -357,8 +357,8 @@ def next_finished(
 ) -> int | None:
     """The finger whose result is taken up next; None if one must still be waited for.
 
-    `finished`: finger to the robot time of its result, s, of those not yet taken up. `clocks`:
-    finger to the robot time that it is known to have reached, s.
+    `finished`: robot time of each finger's result that is not yet taken up [s]. `busy`: fingers
+    with a task. `clocks`: robot time that each finger is known to have reached [s].
     """
     if not finished:
         return None

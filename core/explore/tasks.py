@@ -1,4 +1,4 @@
-"""What hand and fingers are told to do, as values."""
+"""Goals of the hand and of the fingers, as values."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ class CloseHand(NamedTuple):
 class TurnObject(NamedTuple):
     """Goal: set the object down on another side."""
 
-    pose: Pose  # that it shall have in the world, from how it lay at first
+    pose: Pose  # motion from the first pose to the requested one, world frame
 
 
 class TraceSlice(NamedTuple):
     """Work of a finger: a contour around the object."""
 
-    centre: Floats  # where its middle is expected, slicing frame, (2,) [m]
-    radius: float  # the pad approaches from so far outside [m]
-    gap: float  # stretch that may stay untouched between two touches [m]
-    max_touches: int  # it is given up after so many, whatever may be spent
-    reason: str
+    centre: Floats  # (2,) [m] where its middle is expected, slicing frame
+    radius: float  # [m] distance from the middle at which the pad starts
+    gap: float  # [m] stretch that may stay untouched between two touches
+    max_touches: int  # after which it is given up, even if the budget allows more
+    reason: str  # in words
 
 
 class TouchEnd(NamedTuple):
@@ -40,33 +40,33 @@ class TouchEnd(NamedTuple):
 
 
 class SingleTouch(NamedTuple):
-    """Work of a finger: one touch of the surface of the solid as it is known."""
+    """Work of a finger: one touch of the surface of the known solid."""
 
     touch: planners.Touch
-    retries: int = 0  # times that it began inside and was begun anew from farther off
+    retries: int = 0  # how often it began inside and was repeated from farther off
 
 
 Work = TraceSlice | TouchEnd | SingleTouch
 
 
 class Task(NamedTuple):
-    """Goal: what one finger is to do."""
+    """Goal: a piece of work for one finger."""
 
-    number: int  # contours and touches share one series
-    finger: int
-    start: float  # robot time of the decision [s]
-    height: float  # slicing frame [m]
-    max_touches: float  # that it may take
-    not_after: float  # robot time by which it must have ended [s]
+    number: int  # contours and touches are numbered in one series
+    finger: int  # its number, from 1
+    start: float  # [s] robot time of the decision
+    height: float  # [m] slicing frame
+    max_touches: float  # largest number of touches
+    not_after: float  # [s] robot time by which it must have ended
     work: Work
 
 
 class MakeModel(NamedTuple):
-    """Goal: fit a model to all that is known."""
+    """Goal: fit a model to all contacts so far."""
 
 
 class Done(NamedTuple):
-    """Goal: end with a final model of all that is known."""
+    """Goal: end with a final model of all contacts."""
 
     reason: str
 

@@ -25,7 +25,7 @@ def procedure_of(name: str, settings: Mapping[str, Any]) -> Procedure:
 
     `settings` are numbers by parameter name; a parameter called ``settings`` is not among them.
     Raises LookupError if there is no such name. Raises ValueError if the module cannot be
-    imported, the object is not callable, or the procedure has no such setup.
+    imported, the object is not callable, or the procedure has no such setting.
     """
     path = f"palpate.core.procedures.{name}:{name}" if name in PROCEDURE_NAMES else name
     if ":" not in path:

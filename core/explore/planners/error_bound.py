@@ -38,8 +38,8 @@ MAX_TIE = 1e-6  # [value] by which two values may differ and be equal
 class IndicatorSettings:
     """Which curvatures count in the indicators of an interval."""
 
-    max_bend: float = 8.0  # of the radius' second derivative times the interval: larger ones: edges
-    min_bend: float = 0.02  # added to second derivatives of the squared radius, where none is
+    max_bend: float = 8.0  # of second derivative of the radius times interval; edges are clipped
+    min_bend: float = 0.02  # added to rms second derivatives of the squared radius, which may be 0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -57,13 +57,13 @@ class ErrorSettings:
     safety: float = 1.1
     few_intervals: float = 6.0
     noise_share: float = 0.87  # of a slice's deviation, in the surface between two; with its margin
-    order: float = 3.0  # an interval cut into m parts errs by m to this power less
-    # An interval errs by its untouched share to this power: smooth ones by a higher one, but sharp
-    # edges inside it by their whole length.
+    order: float = 3.0  # exponent by which the error of an interval falls with its number of parts
+    # Exponent by which it falls with the untouched share of the interval. A smooth side has a
+    # higher one, a side with a sharp edge in the interval a lower one.
     untouched_order: float = 2.0
-    deviation_factor: float = 1.25  # of the 95 % bound over the deviation that the solid states
-    ends_factor: float = 1.5  # besides it, of the ends, whose untouched edges vary most
-    edge_error: float = 1.0e-4  # [height] of edges, which no deviation states
+    deviation_factor: float = 1.25  # ratio of the 95 % bound to the deviation that the solid states
+    ends_factor: float = 1.5  # further factor for the ends, whose untouched edges vary most
+    edge_error: float = 1.0e-4  # [height] of edges, which no stated deviation contains
     # Where the tolerance is out of reach, slices stop when they would lower the error by less.
     min_noise_gain: float = 0.5  # [noise of the slices]
     min_tolerance_gain: float = 0.2  # [tolerance]
@@ -71,13 +71,13 @@ class ErrorSettings:
 
 
 class ErrorIndicators(NamedTuple):
-    """Of each of m - 1 intervals, root mean square over the azimuths, as normal distances."""
+    """Indicators of m - 1 intervals [height], normal to the side, rms over the azimuths."""
 
     width: Floats  # (m - 1,) its height
-    quintic_gap: Floats  # (m - 1,) in its middle: the quintic with curvatures against the cubic
-    rise_mismatch: Floats  # (m - 1,) of slopes and curvatures of both ends against the rise
+    quintic_gap: Floats  # (m - 1,) quintic with curvatures less cubic, in the interval's middle
+    rise_mismatch: Floats  # (m - 1,) rise of the radius less that of the slopes and curvatures
     noise: Floats  # (m - 1,) standard deviation of the two slices
-    # (m - 1,) from 0 to 1: towards which end it bends more, by the root of second derivatives.
+    # (m - 1,) 0 to 1: where it bends more, lower or upper end; from roots of second derivatives.
     bend_side: Floats
 
 
@@ -124,7 +124,7 @@ class Estimate:
 
     observation: Observation
     findings: Findings
-    prediction: ErrorPrediction | None  # of what the bound is made; None where there is none
+    prediction: ErrorPrediction | None  # terms of the bound; None where there is none
     open_area: OpenArea | None = None  # far from every touch; None where that was not determined
 
     @property
@@ -221,8 +221,8 @@ class ErrorPrediction(NamedTuple):
     def wants_refinement(self, tolerance: float) -> bool:
         """Whether the error is too large, and further slices would lower it.
 
-        They are made while the tolerance is within their reach; and else while they lower the error
-        by much, for ends are known the better the more is known of the sides that lead to them.
+        They are made while they can reach the tolerance. If they cannot, they are made while they
+        lower the error by much: a better side also gives better ends.
         """
         if self.rms_bound_95 <= tolerance:
             return False
@@ -239,7 +239,7 @@ class ErrorPrediction(NamedTuple):
         Of a solid rebuilt from all that was touched, noise falls with the root of their number.
         """
         noise = self.noise
-        # Their margin is no noise.
+        # The factor of the deviations is a margin, not noise.
         fading = (noise.touched**2 - noise.lasting**2) / self.settings.deviation_factor**2
         left = fading * slices / max_slices + noise.lasting**2
         return noise.touched > tolerance and left <= tolerance**2
@@ -260,12 +260,12 @@ class ErrorPrediction(NamedTuple):
 
 
 class Noise(NamedTuple):
-    """Bounds of what comes of noise, over the object's height."""
+    """95 % bounds of errors from noise [height]."""
 
     all: float  # of the whole surface
     touched: float  # of what was touched, and the ends
-    lasting: float  # the part of that which no further slice takes away
-    slices: float  # of what was touched in slices
+    lasting: float  # part of `touched` that no further slice lowers
+    slices: float  # of the surface touched in slices
 
     @property
     def between(self) -> float:
@@ -311,7 +311,7 @@ def _margin(n_intervals: int, factor: float, settings: ErrorSettings) -> float:
 def _noise(
     observation: Observation, indicators: ErrorIndicators, shares: Floats, settings: ErrorSettings
 ) -> Noise:
-    """What comes of noise: by slices, or by the deviations that a solid of all taxels states."""
+    """Error from noise: of the slices, or from the deviations that a solid of all taxels states."""
     extent = observation.extent
     margin = _margin(len(shares), settings.deviation_factor, settings)
     resolution = observation.resolution / extent
@@ -320,7 +320,7 @@ def _noise(
         return Noise(*[math.hypot(noise, resolution)] * 4)
     deviations = [contour.deviation for contour in observation.usable_slices]
     band = math.sqrt(float(np.mean(np.square(deviations))))
-    # What the surface misses of its taxels by more than their places err is no noise.
+    # The part of the deviation beyond pose and sensor errors is misfit, not noise.
     band = min(band, math.hypot(observation.pose_deviation, observation.resolution))
     ends = settings.ends_factor * observation.ends_deviation
     side = math.sqrt(max(observation.deviation**2 - observation.ends_deviation**2, 0.0))

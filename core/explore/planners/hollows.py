@@ -24,10 +24,10 @@ class HollowSettings:
 
     tilts: tuple[float, ...] = (0.0, 25.0, 45.0, 65.0)  # [deg] of an approach from the normal
     n_azimuths: int = 8  # of each tilt but 0
-    n_neighbours: int = 64  # places about a place that are looked at
-    min_gap: float = 1.0e-3  # [m] between a pad that others hold off and a place of a crease
-    min_pit_distance: float = 2.5e-3  # [m] of a place in a pit from every touch
-    max_pit_radius: float = 20.0e-3  # [m] of curvature, in the direction in which it is flattest
+    n_neighbours: int = 64  # nearest places of the surface that can hold the pad off a place
+    min_gap: float = 1.0e-3  # [m] between pad and place, from which on the place is in a crease
+    min_pit_distance: float = 2.5e-3  # [m] from every touch, from which on a crease may be a pit
+    max_pit_radius: float = 20.0e-3  # [m] radius of curvature of a pit in its flattest direction
     n_opening_aims: int = 2  # touches aimed at an opening, after which no more are
 
 
@@ -36,17 +36,17 @@ RIDGE = 1e-15  # [m^2] added to a sum of squares: with fewer than two neighbours
 
 
 def pad_width(pad: Pad) -> float:
-    """Of its longer side, m."""
+    """Width of the pad along its longer side [m]."""
     return pad.pitch * max(pad.rows, pad.cols)
 
 
 def pad_gaps(
     pad: Pad, points: Floats, places: Floats, normals: Floats, enough: float = 0.0
 ) -> Floats:
-    """How far off what is beside them holds a pad from places, (k,), m, if it leans as it may.
+    """Gap (k,) [m] that the surface beside each place leaves under a pad, in its best lean.
 
-    `points` (n, 3): of the surface, m. `places`, `normals` (k, 3): of some, and out of it. No
-    further lean is tried where the pad comes as near as `enough`, m.
+    `points` (n, 3): of the surface [m]. `places`, `normals` (k, 3): places on it, outward.
+    No further lean is tried once the gap is at most `enough` [m].
     """
     half = 0.5 * pad_width(pad)
     count = min(HOLLOWS.n_neighbours, len(points))
@@ -70,7 +70,7 @@ def pad_gaps(
 
 
 def approach_directions(normal: Floats) -> Iterator[tuple[float, Floats]]:
-    """Unit directions (3,) out of which a place may be approached, with their tilt, rad."""
+    """Tilt [rad] from the normal, and unit direction (3,) from which a place is approached."""
     yield 0.0, normal
     first, second = axes_across(normal)
     for tilt in np.radians(HOLLOWS.tilts[1:]).tolist():
@@ -82,10 +82,10 @@ def approach_directions(normal: Floats) -> Iterator[tuple[float, Floats]]:
 def least_concavity(
     points: Floats, normals: Floats, places: Floats, outward: Floats, reach: float
 ) -> Floats:
-    """Curvatures (k,), 1/m, in the direction in which a surface is least concave about places.
+    """Curvatures (k,) [1/m] about places, in the direction in which each is least concave.
 
-    Positive if it is concave all around. `points`, `normals` (n, 3): of the surface, m, and out of
-    it; `places`, `outward` (k, 3): some of them. Normals within `reach` [m] are fitted as a linear
+    Positive if it is concave all around. `points`, `normals` (n, 3): of the surface [m], outward;
+    `places`, `outward` (k, 3): of the places. Normals within `reach` [m] are fitted as a linear
     function of the place in the tangent plane, whose symmetric part is the curvature.
     """
     count = min(HOLLOWS.n_neighbours, len(points))

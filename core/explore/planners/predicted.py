@@ -46,7 +46,7 @@ from palpate.core.explore.planners.protocol import (
 from palpate.core.explore.planners.touches import CHOICES, next_touch
 from palpate.core.plugins import Range, check_ranges
 
-# Reasons of slices that no error has asked for.
+# Reasons of slices that do not follow from a predicted error.
 COVERING, UNTOUCHED = "the coarse cover", "nothing has touched what lies there"
 
 
@@ -54,10 +54,10 @@ COVERING, UNTOUCHED = "the coarse cover", "nothing has touched what lies there"
 class CuttingSettings:
     """Where slices are placed between others."""
 
-    min_room: float = 2.0  # [features] between slices that only average noise
-    cover_reach: float = 0.12  # [height] of a slice that stands for one of the cover
+    min_room: float = 2.0  # [`Observation.spacing`] between slices that only average noise
+    cover_reach: float = 0.12  # [height] around a height of the cover, where a slice replaces it
     pull: float = 0.35  # [parts] by which a cut moves, at most, towards the end that bends more
-    target: float = 1.3  # the tolerance over the error for which cuts are planned
+    target: float = 1.3  # cuts are planned for an error of the tolerance divided by this
 
 
 CUTTING = CuttingSettings()
@@ -113,7 +113,7 @@ class Predicted:
         return None
 
     def _refining(self, observation: Observation, prediction: ErrorPrediction) -> Height | None:
-        """The next slice for the error's sake, for what is untouched, or to average noise."""
+        """The next slice to lower the error, to touch an untouched span, or to average noise."""
         spans = untouched_spans(observation)
         tolerance = observation.tolerance / observation.extent
         if prediction.wants_refinement(tolerance):
@@ -135,7 +135,7 @@ class Predicted:
         return None
 
     def _covering(self, observation: Observation) -> float | None:
-        """The first height of the cover, from the middle, for which no slice stands yet.
+        """The height of the cover nearest to the middle that has no slice yet [m].
 
         A part in which a slice failed, as in a ridge, comes after the others.
         """
@@ -172,7 +172,7 @@ def best_refinement(
     heights = (observation.low + observation.extent * prediction.heights).tolist()
     pairs = list(pairwise(heights))
     hidden = np.array([longest_untouched(spans, *pair) for pair in pairs]) / observation.extent
-    # Squared errors of the intervals by their shares of the area, with what may be hidden.
+    # Squared errors of the intervals, with those that untouched stretches may hide, per area.
     squares = prediction.errors**2 + (rule.hidden_error * hidden**2) ** 2
     variances = prediction.shares * squares
     target = observation.tolerance / observation.extent / settings.target
@@ -214,9 +214,9 @@ def _moved_into_span(observation: Observation, spans: Sequence[Span], wanted: fl
 
 
 def _untouched_height(observation: Observation, spans: Sequence[Span]) -> float | None:
-    """Where to touch what was not touched: in the longest span [m].
+    """Height of a slice in the longest untouched span [m].
 
-    Beside other fingers, where most slices are left among which only one finger has room.
+    If other fingers are at work, in the densest group of planned slices: one finger fills it alone.
     """
     feature = observation.feature
     wanted = [span for span in longest_first(spans, feature) if span.length > feature]

@@ -1,9 +1,9 @@
-"""A solid of any shape as a planner of single touches knows it, and what touches are worth.
+"""A solid of any shape as a planner of single touches sees it, and what touches are worth.
 
-It knows the triangles of the solid and the error that is expected at each vertex. Places of it are
-drawn by area. The platform is a pedestal, as wide as the convex hull of what stands on it:
-beside it the finger reaches lower, and touches what faces down. A touch is worth the squared
-errors, times area, of the places that it would meet or come near to.
+The planner has the triangles of the solid and the expected error of each vertex. Places are drawn
+from the surface, uniformly by area. The platform is a pedestal, as wide as the convex hull of what
+stands on it: beside it the finger reaches lower, and touches surfaces that face down. A touch is
+worth the sum of the squared errors of the places that it meets or comes near to.
 """
 
 from __future__ import annotations
@@ -42,14 +42,14 @@ from palpate.reprs import readable
 class PlaceSettings:
     """At which places of a surface errors are counted, and what kind of place each is."""
 
-    n_places: int = 4000  # drawn by area
+    n_places: int = 4000  # drawn from the whole surface, uniformly by area
     pedestal_grid: float = 4.0e-3  # [m] between places on the pedestal's top: far less than a pad
-    standing_height: float = 1.0e-3  # [m] over the platform: what lies lower stands on it
-    max_downward: float = -0.7  # upward part of the normals of what faces down
-    n_openings: int = 8  # whose middles are published
+    standing_height: float = 1.0e-3  # [m] over the platform, below which the object stands on it
+    max_downward: float = -0.7  # z part of a normal, below which a place faces down
+    n_openings: int = 8  # widest openings, whose middles are published
     min_mean_normal: float = 0.3  # resultant length; below it normals have no common direction
-    opening_depth: float = 3.0e-3  # [m] from a place that a pad spanned, up to which it is open
-    min_opening: float = 1.5e-3  # [m] from every touch: nearer places are no opening
+    opening_depth: float = 3.0e-3  # [m] from a spanned place, up to which the surface is open
+    min_opening: float = 1.5e-3  # [m] from every touch, from which on a place can be open
     touched_area: float = 1.0e-4  # [m^2] that one touch covers
 
 
@@ -57,14 +57,14 @@ class PlaceSettings:
 class HiddenSettings:
     """The error that a place may hide: a slope, times the distance from the nearest touch."""
 
-    unknown_slope: float = 0.5  # of places that no finger came near to
-    crease_slope: float = 0.3  # of creases that hold the pad off
-    # Of an opening, over half its width, walls included: that of a hole four times as deep as wide.
-    # Where the solid is thinner than that, the hole goes through it and is no deeper.
+    unknown_slope: float = 0.5  # error per distance, of places that no finger came near to
+    crease_slope: float = 0.3  # error per distance, of creases that hold the pad off
+    # Error per half width of an opening, walls included: of a hole four times as deep as wide.
+    # Where the solid is thinner than that, the error is that of a hole through it.
     opening_slope: float = 16.0
-    tilt: float = math.radians(40.0)  # [rad] of directions about the normal in which a hole may go
-    lateral: float = 3.0e-3  # [m] of the far side from such a direction, with what was drawn of it
-    min_room: float = 0.8  # fraction of the tolerance that the rest must leave to touchable places
+    tilt: float = math.radians(40.0)  # [rad] to the inward normal, of directions of possible holes
+    lateral: float = 3.0e-3  # [m] of places on the far side from the line in such a direction
+    min_room: float = 0.8  # fraction of the tolerance that other places leave to touchable ones
 
 
 PLACES = PlaceSettings()
@@ -72,34 +72,34 @@ HIDDEN = HiddenSettings()
 
 
 class Progress(NamedTuple):
-    """What was known of a solid with so many touches."""
+    """What was known of a solid after a number of touches."""
 
     touches: int
-    bound: float  # Of the error where touches can come, m
-    open: float  # Share of the surface that lies far from every touch, and can be reached
+    bound: float  # [m] 95 % bound of the rms error of places that were or can be touched
+    open: float  # share of the surface that lies far from every touch, and can be reached
 
 
 @readable
 @dataclass(frozen=True, eq=False)
 class ObservedSurface:
-    """A solid as a planner knows it; world frame, m."""
+    """A solid as a planner sees it; world frame."""
 
-    mesh: Mesh  # Closed, turned outwards
-    errors: Floats  # Expected at each vertex, (n,)
-    bounds: Floats  # Below which they are in 95 of 100 runs, (n,)
-    distances: Floats  # Of each vertex from what was touched, (n,)
-    pad: Pad  # What touches
-    platform: float | None  # Height on which the object stands
-    reach: float  # Of the finger, sideways from the axis and up from the platform
-    refused: Floats  # Where touches in vain were aimed at before, (j, 3)
-    aimed: Floats  # Where single touches were aimed at before, (i, 3)
-    # Places in the solid at which a pad touched nothing but what is beside them, (k, 3)
+    mesh: Mesh  # closed, normals outwards [m]
+    errors: Floats  # (n,) [m] expected at each vertex
+    bounds: Floats  # (n,) [m] 95 % bounds of the errors
+    distances: Floats  # (n,) [m] of each vertex from the nearest touched point
+    pad: Pad  # of the finger
+    platform: float | None  # [m] height on which the object stands
+    reach: float  # [m] of the finger, sideways from the axis and up from the platform
+    refused: Floats  # (j, 3) [m] targets of earlier touches that did not meet them
+    aimed: Floats  # (i, 3) [m] targets of all earlier single touches
+    # (k, 3) [m] places of the solid that a pad spanned: it touched only what is beside them
     openings: Floats = field(default_factory=lambda: np.zeros((0, 3)))
-    missing: float = 0.0  # Error of the whole that comes of touched parts which it lacks, m
-    touches: int = 0  # That were made
-    earlier: tuple[Progress, ...] = ()  # What was known before, of the same method
-    unknown_distance: float = 10.0e-3  # From every touch, beyond which a place is unknown
-    pose: Pose | None = None  # From how it lay at first, if it was turned over
+    missing: float = 0.0  # [m] rms error of the whole, from touched parts that the solid lacks
+    touches: int = 0  # made so far
+    earlier: tuple[Progress, ...] = ()  # of earlier models by the same method
+    unknown_distance: float = 10.0e-3  # [m] from every touch, beyond which a place is unknown
+    pose: Pose | None = None  # relative to the first pose, if the object was turned over
 
     def __post_init__(self) -> None:
         count = len(finite_array("mesh.vertices", self.mesh.vertices, (None, 3)))
@@ -118,17 +118,17 @@ class ObservedSurface:
 
     @cached_property
     def squares(self) -> Floats:
-        """Squared errors at the places, (n,); 0 where nobody can touch, or did in vain.
+        """Squared errors (n,) [m2] at the places; 0 where no touch is possible, or none met.
 
-        Without known errors, distances from what was touched stand for them. An opening counts with
+        Where no errors are known, distances from the touched points replace them. An opening has
         the error that it may hide until `n_opening_aims` touches were aimed at it, including the
-        one that found it: most turn out to be places where the solid is a little too large.
+        one that found it: at most openings the solid is only a little too large.
         """
         places, near = self.places, 0.5 * APPROACHES.known_radius * pad_width(self.pad)
         squares = np.square(places.errors if places.errors.any() else places.distances)
         opened = np.square(HIDDEN.opening_slope * places.distances)
         squares = np.where(places.spanned, np.maximum(opened, np.square(places.bounds)), squares)
-        if self.pose is not None:  # what it stood on at first can be touched now
+        if self.pose is not None:  # the first underside can be touched now
             hidden = np.square(HIDDEN.unknown_slope * places.distances)
             squares = np.where(places.flat, np.maximum(squares, hidden), squares)
         if len(self.refused):
@@ -142,7 +142,7 @@ class ObservedSurface:
 
     @cached_property
     def open_area(self) -> OpenArea:
-        """What lies far from every touch, the underside apart."""
+        """What lies far from every touch, except the underside."""
         places = self.places
         far = self.away & ~places.under
         known = np.count_nonzero(~places.under)
@@ -158,7 +158,7 @@ class ObservedSurface:
 
     @cached_property
     def findings(self) -> Findings:
-        """What is known of it, for a verdict."""
+        """What is known of the solid, for a verdict."""
         places = self.places
         return Findings(
             error_bound=self.rms_bound_95,
@@ -171,37 +171,37 @@ class ObservedSurface:
 
     @cached_property
     def unentered_hole(self) -> float:
-        """Width of the widest hole that a pad spanned and nothing entered, m; 0 without one."""
+        """Width of the widest hole that a pad spanned and no pad entered [m]; 0 without one."""
         return 2.0 * float(self.places.distances[self.places.spanned | self.pits].max(initial=0.0))
 
     @cached_property
     def area(self) -> float:
-        """Of the whole surface, m^2."""
+        """Area of the whole surface [m2]."""
         return float(areas_and_normals(self.mesh.vertices[self.mesh.faces])[0].sum())
 
     @cached_property
     def rms_bound_95(self) -> float:
-        """Below which the root mean square error is in 95 of 100 runs, m.
+        """The root mean square error is below this in 95 of 100 runs [m].
 
-        Of what the object stands on nothing is known: it may be hollow, and no number bounds it.
+        The underside is left out: it may be hollow, and no number bounds its error.
         """
         return math.hypot(self.bound_of(~self.places.flat), self.missing)
 
     @cached_property
     def progress(self) -> tuple[Progress, ...]:
-        """What was known before, and now."""
+        """What was known after earlier models, and now."""
         none = np.zeros((0, 3))
         now = Progress(self.touches, self.touchable_bound(none), self.reachable(none))
         return (*self.earlier, now)
 
     def touchable_bound(self, tried: Floats) -> float:
-        """The same over what was touched or can be, without what the open area may hide, m."""
+        """95 % bound of the rms error of places that were touched, or can be [m]."""
         return self.bound_of(self._touchable(tried))
 
     def touchable_limit(self, tried: Floats, tolerance: float) -> float:
-        """What that may be for the whole to be within a tolerance, m; at most the tolerance.
+        """Largest `touchable_bound` with which the whole is within a tolerance [m]; at most that.
 
-        The tolerance itself where the rest leaves so little of it that touches are in vain.
+        Where all other places leave too little for it (`min_room`), it is the tolerance itself.
         """
         touchable = self._touchable(tried)
         counted = ~self.places.flat
@@ -216,13 +216,13 @@ class ObservedSurface:
         return np.asarray(~untouchable & (~self.away | self.met(tried)))
 
     def bound_of(self, chosen: Bools) -> float:
-        """The same of some of the places (n,), m; 0 if there are none."""
+        """95 % bound of the rms error of chosen places (n,) [m]; 0 if there are none."""
         squares = np.square(self.bounds_there[chosen])
         return float(np.sqrt(squares.mean())) if len(squares) else 0.0
 
     @cached_property
     def neighbours(self) -> Ints:
-        """Numbers of places, so few that a pad's worth of them are `n_neighbours`."""
+        """Numbers of evenly chosen places, `n_neighbours` of them within reach of a pad."""
         in_reach = 2.0 * math.pi * (0.5 * pad_width(self.pad)) ** 2 * PLACES.n_places / self.area
         return np.arange(
             0, PLACES.n_places, max(round(in_reach / HOLLOWS.n_neighbours), 1), dtype=np.int32
@@ -230,7 +230,7 @@ class ObservedSurface:
 
     @cached_property
     def creased(self) -> Bools:
-        """At which places what is beside them holds a pad off, however it leans, (n,)."""
+        """Mask (n,) of the places from which neighbours hold a pad off, in any lean."""
         places = self.places
         creased = ~places.flat & (places.distances > HOLLOWS.min_gap)
         if creased.any():
@@ -242,16 +242,16 @@ class ObservedSurface:
 
     @cached_property
     def bounds_there(self) -> Floats:
-        """Bounds of 95 % of the errors at the places, and of what creases may hide, (n,), m."""
+        """95 % bounds (n,) [m] of the errors at the places, and of creases and holes there."""
         hidden = np.where(self.creased, HIDDEN.crease_slope, 0.0) * self.places.distances
         return np.maximum(self.places.bounds, np.maximum(hidden, self.hole_errors))
 
     @cached_property
     def hole_errors(self) -> Floats:
-        """What holes may hide in openings and pits, (n,), m; 0 elsewhere.
+        """Error (n,) [m] that holes may hide in openings and pits; 0 elsewhere.
 
-        The root mean square of the distances of a hole's walls from the surface that closes it,
-        over the area of that: of a hole of radius r through a thickness t it is at most
+        It is the root mean square distance of a hole's walls from the surface that closes it, per
+        area of that surface: of a hole of radius r through a thickness t it is at most
         (t^3 / (6 r) + t^2 / 4)^(1/2), a blind one included.
         """
         places, errors = self.places, np.zeros(PLACES.n_places)
@@ -264,7 +264,7 @@ class ObservedSurface:
 
     @cached_property
     def pits(self) -> Bools:
-        """Which places of creases are concave all around, (n,): a hole may go on below them."""
+        """Mask (n,) of places in creases that are concave all around: holes may begin there."""
         places = self.places
         pits = self.creased & (places.distances > HOLLOWS.min_pit_distance)
         if pits.any():
@@ -276,7 +276,7 @@ class ObservedSurface:
 
     @cached_property
     def pedestal(self) -> Floats:
-        """Places (k, 3) all over the top of the pedestal: the hull of where the object stands."""
+        """Places (k, 3) [m] on the pedestal's top: the convex hull of where the object stands."""
         standing = self.places.points[self.places.standing]
         if len(standing) < 3 or self.platform is None:
             return standing
@@ -298,14 +298,14 @@ class ObservedSurface:
 
     @cached_property
     def hidden(self) -> float:
-        """What the open area may hide of which slices know nothing, over the whole surface, m."""
+        """Rms error of the whole [m] that unknown places beyond the reach of touches may hide."""
         hidden = np.maximum(HIDDEN.unknown_slope * self.places.distances, self.hole_errors)
         hides = self.away & ~self.places.under & ~self.reached
         return float(np.sqrt((np.square(hidden) * hides).mean()))
 
     @cached_property
     def away(self) -> Bools:
-        """Which places are unknown: far from every touch, or spanned, (n,)."""
+        """Mask (n,) of the unknown places: far from every touch, or spanned by a pad."""
         return (self.places.distances > self.unknown_distance) | self.places.spanned
 
     def reachable(self, tried: Floats) -> float:
@@ -314,25 +314,25 @@ class ObservedSurface:
         return float((self.met(tried) & self.away).sum()) / known
 
     def met(self, tried: Floats) -> Bools:
-        """Places that touches can meet which have not been tried since, (n,)."""
+        """Mask (n,) of places that offers meet whose targets are not among those `tried`."""
         return np.asarray(self.reached & (self.left(tried) > 0.0), np.bool_)
 
     @cached_property
     def reached(self) -> Bools:
-        """Places that the offers meet, (n,)."""
+        """Mask (n,) of the places that the offers meet."""
         met = np.zeros(PLACES.n_places, np.bool_)
         for offer in self.offers:
             met[offer.places] = True
         return np.asarray(met & (self.squares > 0.0), np.bool_)
 
     def is_inside(self, place: Floats) -> bool:
-        """Whether a place (3,) lies within the solid."""
+        """Whether a place (3,) [m] lies within the solid."""
         return bool(
             np.isneginf(self.shape.cast(place[None], np.array([0.0, 0.0, 1.0]), MAX_RANGE))[0]
         )
 
     def left(self, tried: Floats) -> Floats:
-        """The same, 0 where touches were aimed at since, (k, 3)."""
+        """`squares`, with 0 at places of offers whose targets were `tried` since, (k, 3) [m]."""
         squares = self.squares.copy()
         for offer in self.offers if len(tried) else ():
             if np.abs(tried - offer.target).max(axis=1).min() <= MAX_ROUNDING:
@@ -341,32 +341,30 @@ class ObservedSurface:
 
 
 class OpenArea(NamedTuple):
-    """What lies so far from every touch that nobody knows what is there."""
+    """The part of the surface that lies far from every touch, or that a pad spanned."""
 
-    share: float  # Of the surface, the underside apart
-    width: float  # Of the largest opening, m; 0 if there is none
-    places: (
-        Floats  # Middles of the largest, (k, 3), m, the largest first; `PLACES.n_openings` at most
-    )
-    normals: Floats  # Outward there, (k, 3)
-    under: float  # Share of the surface on which the object stands
-    touches: float  # That it would take, if all of it can be reached
+    share: float  # of the surface, underside left out
+    width: float  # [m] of the largest opening; 0 if there is none
+    places: Floats  # (k, 3) [m] middles of the largest, by size; at most `PLACES.n_openings`
+    normals: Floats  # (k, 3) outward normals there
+    under: float  # share of the surface that is underside, as `SurfacePlaces.under`
+    touches: float  # that would cover it, if all of it can be reached
 
 
 class SurfacePlaces(NamedTuple):
     """Places of a surface that each stand for the same area."""
 
-    points: Floats  # (n, 3), m
-    normals: Floats  # Outward, (n, 3)
-    errors: Floats  # (n,), m
-    bounds: Floats  # Their bounds of 95 %, (n,), m
-    distances: Floats  # From what was touched, (n,), m
-    standing: Bools  # Whether the object stands on it, (n,): nobody can touch it there
-    flat: Bools  # Whether it stood on it at first, (n,), and nothing touched it since
-    # Whether it stands there and was never turned over, or this faces down so near to that, (n,),
-    # that the pedestal is in the way of most touches.
+    points: Floats  # (n, 3) [m]
+    normals: Floats  # (n, 3) outward
+    errors: Floats  # (n,) [m] expected
+    bounds: Floats  # (n,) [m] 95 % bounds of the errors
+    distances: Floats  # (n,) [m] from the nearest touched point
+    standing: Bools  # (n,) whether the object stands on the place now: it cannot be touched
+    flat: Bools  # (n,) whether the object first stood on the place, and nothing touched it since
+    # (n,) whether the object stands on the place, or the place faces down so near to the pedestal
+    # that this is in the way of most touches; never of an object that was turned over.
     under: Bools
-    spanned: Bools  # Whether it lies in an opening that pads spanned, (n,): it may be deep
+    spanned: Bools  # (n,) whether the place lies in an opening that pads spanned: it may be deep
 
 
 def _middles(places: SurfacePlaces, far: Bools) -> Ints:
@@ -381,10 +379,10 @@ def _middles(places: SurfacePlaces, far: Bools) -> Ints:
 
 
 def _outward(places: SurfacePlaces, number: int) -> Floats:
-    """Mean outward normal (3,) of the opening about a place; off the middle where they cancel."""
+    """Mean outward normal (3,) about a place; where normals cancel, away from the middle."""
     away = np.linalg.norm(places.points - places.points[number], axis=1)
     mean = places.normals[away < 0.5 * places.distances[number]].mean(axis=0)
-    if np.linalg.norm(mean) < PLACES.min_mean_normal:  # what nothing was touched of may be folded
+    if np.linalg.norm(mean) < PLACES.min_mean_normal:  # an untouched part may be folded
         mean = places.points[number] - places.points.mean(axis=0)
     return np.asarray(mean / max(float(np.linalg.norm(mean)), np.finfo(float).tiny))
 
@@ -417,9 +415,9 @@ def _places(surface: ObservedSurface) -> SurfacePlaces:
 
 
 def _thickness(places: SurfacePlaces, numbers: Ints) -> Floats:
-    """How thick (k,) the solid is below some of the places, m: most, in five directions inwards.
+    """Thickness (k,) [m] of the solid below some places: the largest of five inward directions.
 
-    Infinite where no far side was drawn in one of them.
+    It is infinite where one of these directions meets none of the drawn places.
     """
     thickness = np.zeros(len(numbers))
     for row, number in enumerate(numbers):
@@ -437,15 +435,15 @@ def _thickness(places: SurfacePlaces, numbers: Ints) -> Floats:
 
 
 def _stands(heights: Floats) -> Bools:
-    """At which places (n,) an object stands, by their heights over the platform [m].
+    """Mask of the places (n,) on which an object stands, by their heights over the platform [m].
 
-    It stands somewhere: what is lowest of a solid that is said to end higher is not understood.
+    Of a solid that ends above the platform, heights count from its lowest place.
     """
     return np.asarray(heights < PLACES.standing_height + max(float(heights.min()), 0.0))
 
 
 def _hangs_over(points: Floats, standing: Bools, width: float) -> Bools:
-    """Which of the points (n, 3) lie within this width, m, aside of those that stand."""
+    """Mask (n,) of points (n, 3) [m] at most `width` [m] sideways from standing ones."""
     if not standing.any():
         return standing
     return np.asarray(point_tree(points[standing, :2]).query(points[:, :2])[0] < width)

@@ -1,4 +1,4 @@
-"""Single touches alone: each where it takes most of the expected error for its robot time."""
+"""Single touches alone: each removes the most squared error per robot time."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from palpate.core.plugins import Range, check_ranges
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ChoiceSettings:
-    """Which of the touches is made."""
+    """Which touch is made next. The gain of a touch is the squared error of the places it meets."""
 
-    min_gain: float = 1e-3  # fraction of the squared error asked for, over the whole surface
-    touch_seconds: float = 1.5  # [s] of a touch without the way to it
+    min_gain: float = 1e-3  # fraction of tolerance squared, summed over the surface
+    touch_seconds: float = 1.5  # [s] of a touch without the travel to it
     travel_speed: float = 0.1  # [m/s]
-    min_gain_share: float = 0.6  # of the largest gain: touches that are worth less wait
-    # [fraction of the surface] that is unknown: more of it is touched as long as it can be, for
-    # where nothing was touched thin ends grow horns.
+    min_gain_share: float = 0.6  # fraction of the largest gain, below which a touch is postponed
+    # [fraction of the surface] unknown but reachable, above which it is touched in any case: the
+    # model of an untouched thin end grows horns.
     min_open: float = 0.002
 
 
@@ -33,25 +33,25 @@ class ChoiceSettings:
 class SettlingSettings:
     """When touches no longer change what is known.
 
-    Touches end where over the last of them neither the bound nor the unknown area has changed, or
-    where over a longer stretch both went up and down, but never below what they had been.
+    Touches end if the bound and the unknown area stayed the same over a recent stretch of touches,
+    or if over a longer stretch neither fell below its lowest value before that stretch.
     """
 
-    min_touches: int = 24  # of the last ones, at least
-    share: float = 0.25  # of all touches that count as the last ones
-    bound_change: float = 0.06  # fraction of the error bound
-    open_change: float = 0.004  # [fraction of the surface] that is unknown
+    min_touches: int = 24  # of the recent stretch, at least
+    share: float = 0.25  # fraction of all touches in the recent stretch
+    bound_change: float = 0.06  # fraction of the error bound; smaller changes count as none
+    open_change: float = 0.004  # [fraction of the surface] unknown; smaller changes count as none
     long_touches: int = 96  # of the longer stretch, at least
-    long_share: float = 0.5  # of all touches in the longer stretch
+    long_share: float = 0.5  # fraction of all touches in the longer stretch
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PayingSettings:
     """When more touches are worth their time."""
 
-    n_touches: int = 20  # the next ones, taken together
-    min_gain: float = 0.02  # fraction of the error bound, or of the unknown area
-    touched_distance: float = 1e-3  # [m] from a touch: bounds there are those of what was touched
+    n_touches: int = 20  # next touches that are judged together
+    min_gain: float = 0.02  # fraction of the error bound, or of the unknown area, that they remove
+    touched_distance: float = 1e-3  # [m] from a touch; nearer places give the bound after a touch
 
 
 CHOICES = ChoiceSettings()
@@ -98,9 +98,9 @@ def next_touch(
     least_gain: float,
     bound: float | None = None,
 ) -> protocol.Touch | protocol.Stop:
-    """The touch of a surface that takes most of its squared error for its time.
+    """The touch of a surface that removes the most squared error per robot time.
 
-    Where the error is within the `bound`, m, or the surface's own: what lies far from touches.
+    If the error `bound` [m] (None: the surface's) is within the tolerance: of unknown places alone.
     """
     if has_settled(surface.progress):
         return protocol.Stop("further touches no longer lower the error")
@@ -134,7 +134,7 @@ def _aims(
     least_gain: float,
     bound: float,
 ) -> Iterator[tuple[Floats, float, str]]:
-    """What touches are worth at the places (n,), what one must bring, and why; the first first."""
+    """Aims by precedence: worth of each place (n,), the least sum of a touch, and the reason."""
     if bound > observation.tolerance and _is_touchable_error_large(observation, surface):
         wanted = least_gain * observation.tolerance**2 * len(left)
         yield left, wanted, "the expected error is largest there"
@@ -147,7 +147,7 @@ def _aims(
 
 
 def _is_touchable_error_large(observation: protocol.Observation, surface: ObservedSurface) -> bool:
-    """What no touch reaches is no reason to touch the rest more often than it takes."""
+    """Whether the error of touchable places is too large; errors out of reach do not count."""
     limit = surface.touchable_limit(observation.tried, observation.tolerance)
     return surface.touchable_bound(observation.tried) > limit
 
@@ -161,9 +161,9 @@ def touches_pay(
 ) -> bool:
     """Whether the best next touches would lower the error bound or what is unknown.
 
-    `left` (n,): squared errors at the places of the surface that touches may still take. A place
-    that a touch meets is known as well afterwards as most that were touched. `underside`: whether
-    what the object stood on at first counts as unknown until it is touched.
+    `left` (n,): squared errors [m2] at places that touches may still remove. A place that a touch
+    meets is assumed to have afterwards the median bound of touched places. `underside`: whether the
+    side on which the object stood at first counts as unknown until it is touched.
     """
     gains = [float(left[offer.places].sum()) for offer in surface.offers]
     best = np.argsort(gains)[::-1][: settings.n_touches]
@@ -174,7 +174,7 @@ def touches_pay(
     places = surface.places
     unknown = surface.away & ~places.flat | (places.flat if underside else False)
     counted, hidden = ~places.flat, HIDDEN.unknown_slope * places.distances
-    # What a deep hole may hide is more than all else, and no touch beside it lowers that.
+    # A deep hole may hide more than everything else, and no touch beside it lowers that.
     opened = places.spanned | surface.pits
     bounds = np.where(opened, np.minimum(surface.bounds_there, hidden), surface.bounds_there)
     bounds = bounds[counted]
@@ -188,38 +188,38 @@ def touches_pay(
 
 
 def has_settled(progress: Sequence[Progress]) -> bool:
-    """Whether the last touches brought nothing: neither a lower error nor less that is open."""
+    """Whether the last touches lowered neither the error bound nor the unknown area."""
     before, recent = _split(progress, SETTLING.min_touches, SETTLING.share)
     if before and len(recent) > 1:
-        bounds, opened = [one.bound for one in recent], [one.open for one in recent]
+        bounds, opened = [step.bound for step in recent], [step.open for step in recent]
         alike = max(bounds) - min(bounds) <= SETTLING.bound_change * max(bounds)
         if alike and max(opened) - min(opened) <= SETTLING.open_change:
             return True
     before, recent = _split(progress, SETTLING.long_touches, SETTLING.long_share)
     if not before or not recent:
         return False
-    lower = min(one.bound for one in recent) < (1.0 - SETTLING.bound_change) * min(
-        one.bound for one in before
+    lower = min(step.bound for step in recent) < (1.0 - SETTLING.bound_change) * min(
+        step.bound for step in before
     )
-    return not lower and min(one.open for one in recent) >= (
-        min(one.open for one in before) - SETTLING.open_change
+    return not lower and min(step.open for step in recent) >= (
+        min(step.open for step in before) - SETTLING.open_change
     )
 
 
 def _split(
     progress: Sequence[Progress], least: int, share: float
 ) -> tuple[Sequence[Progress], Sequence[Progress]]:
-    """What was known before the last touches, at least so many and this share of all; and since."""
+    """Progress before and in the last touches: `least` of them, or a `share` of all if more."""
     last = progress[-1].touches if progress else 0
     since = last - max(least, share * last)
-    first = sum(one.touches < since for one in progress)
+    first = sum(step.touches < since for step in progress)
     return progress[:first], progress[first:]
 
 
 def _best(
     observation: protocol.Observation, surface: ObservedSurface, left: Floats, wanted: float
 ) -> TouchOffer | None:
-    """The offer that takes most of what is left at the places, (n,), for its time."""
+    """The offer with the largest sum of `left` (n,) over its places, per robot time."""
     gains = [float(left[offer.places].sum()) for offer in surface.offers]
     least = max(wanted, CHOICES.min_gain_share * max(gains, default=0.0))
     best, most = None, 0.0

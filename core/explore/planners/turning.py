@@ -1,8 +1,8 @@
-"""On which side an object is set down next: the one that lets a finger touch most of what is open.
+"""On which side an object is set down next: where a finger can touch most of what is unknown.
 
-The solid as known may rest on several sides. Each is judged by the places that no finger reaches
-as it lies now and that would face up, or sideways well above the platform, by what errors they may
-hide: squared, as planners of touches weigh them.
+The known solid can rest on several sides. The gain of a side is the sum of the squared errors that
+places may hide, as in planners of touches: over the places that no finger reaches as the object
+lies now, and that would then face up, or sideways well above the platform.
 """
 
 from __future__ import annotations
@@ -22,16 +22,16 @@ from palpate.core.poses import Pose
 class TurningSettings:
     """When an object is turned over, and on which side it is set down."""
 
-    min_upward: float = -0.3  # upward part of the normals of what a finger reaches
-    min_height: float = 8.0e-3  # [m] over the platform of what it reaches, unless it faces up
-    facing_up: float = 0.7  # upward part of normals that face up
-    min_gain: float = 0.1  # fraction of all squared errors that it must bring within reach
-    near_best: float = 0.95  # of the largest gain: of such sides the most stable is taken
+    min_upward: float = -0.3  # z part of a normal, above which a finger reaches the place
+    min_height: float = 8.0e-3  # [m] over the platform, above which a finger reaches the place
+    facing_up: float = 0.7  # z part of a normal, above which the place may also lie lower
+    min_gain: float = 0.1  # fraction of all squared errors that a turn brings within reach
+    near_best: float = 0.95  # fraction of the largest gain; the most stable such side is taken
     min_thickness: float = (
         10.0e-3  # [m] upwards, as it will lie: a hand cannot feel thinner objects
     )
-    max_rests: int = 200  # sides that are looked at, the most stable
-    # Leaning by this when it is set down the object must still come to rest on that side [rad].
+    max_rests: int = 200  # most stable sides whose gain is computed
+    # [rad] lean at which the object is set down and must still come to rest on that side.
     lean: float = math.radians(6.0)
 
 
@@ -47,9 +47,9 @@ def choose_turn(
 ) -> Pose | None:
     """The motion that sets the object down on its best other side; None if none brings enough.
 
-    `tolerance`: error that is asked for [m]. `underside`: whether what it has always stood on must
-    be known, however small; else that counts for nothing. The motion is that of the object as it
-    lies now.
+    `tolerance`: error that is asked for [m]. `underside`: whether the underside of the first pose
+    must be touched, however small it is; if not, it adds nothing to a gain. The motion starts from
+    the object's present pose.
     """
     if surface.platform is None or not len(surface.mesh.faces):
         return None
@@ -59,15 +59,15 @@ def choose_turn(
     hidden[surface.reached | (hidden < tolerance**2)] = 0.0
     least = settings.min_gain * total
     if underside and places.flat.any():
-        # It comes first: each place of it counts more than all others together.
+        # The underside comes first: each place of it counts more than all others together.
         least, hidden = 1.0, np.where(places.flat, 2.0, hidden / total)
     elif not underside:
         hidden[places.flat] = 0.0
     resting = RestingSolid(surface.mesh.vertices, surface.mesh.faces)
-    upright = [one for one in resting.rests if _thickness(resting, one) > settings.min_thickness]
-    rests = upright[: settings.max_rests]
+    thick = [rest for rest in resting.rests if _thickness(resting, rest) > settings.min_thickness]
+    rests = thick[: settings.max_rests]
     gains = np.array(
-        [hidden[_within_reach(surface, resting, one, settings)].sum() for one in rests]
+        [hidden[_within_reach(surface, resting, rest, settings)].sum() for rest in rests]
     )
     while len(rests) and gains.max() > least:
         near_best = np.flatnonzero(gains >= settings.near_best * gains.max())

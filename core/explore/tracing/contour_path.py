@@ -34,24 +34,24 @@ class TouchSettings:
     """How a pad may touch a slice, and which touched points follow each other."""
 
     deep_depth: float = 2.35e-3  # [m] of press, where a plain touch does not reach into a hollow
-    max_tilt: float = 1.45  # [rad] of the pad: at a pole a contour has no heading
+    max_tilt: float = 1.45  # [rad] of the pad; below a right angle: at a pole there is no heading
     max_spacing: float = 2.0 / 15.0  # [widths of the pad] of points without a gap between them
-    min_gap: float = 1.6  # [pitches] no gap is shorter
-    gap_margin: float = 1.6  # [1] by which a stretch that may stay untouched lengthens gaps
+    min_gap: float = 1.6  # [pitches] the same, at least
+    gap_margin: float = 1.6  # [`SliceSpec.gap`] added to that spacing
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HeadingSettings:
     """How direction and curvature of a path are fitted at its end."""
 
-    # [widths of the pad] of the path's end to which a parabola is fitted: the first that fits.
+    # [widths of the pad] lengths of the path's end to which a parabola is fitted, until one fits.
     windows: tuple[float, ...] = (7.0 / 15.0, 3.2 / 15.0)
-    max_points: int = 40  # of the end: near its closing the start lies in the window, too
-    max_misfit: float = 4.0e-3  # [widths of the pad] of a parabola that fits
-    min_curvature: float = -3.0  # [1 / widths of the pad]
-    max_curvature: float = 7.5  # [1 / widths of the pad]
-    min_level_normal: float = 0.2  # length of a normal's level part, for it to have an azimuth
-    min_cosine: float = 0.8  # between parabola and measured tangent, for the latter to be taken
+    max_points: int = 40  # last points that are used; else the start is used too, near the closing
+    max_misfit: float = 4.0e-3  # [widths of the pad] largest residual of a parabola that fits
+    min_curvature: float = -3.0  # [1 / widths of the pad] lower bound of the curvature
+    max_curvature: float = 7.5  # [1 / widths of the pad] upper bound of the curvature
+    min_level_normal: float = 0.2  # level part of a normal, below which it has no azimuth
+    min_cosine: float = 0.8  # of parabola and measured tangent, above which the latter is used
     # The same where the parabola fits: normals beside an edge are those of two faces.
     min_cosine_of_fit: float = 0.997
 
@@ -61,12 +61,12 @@ class ArcSettings:
     """How the arc of one touch is found."""
 
     max_depth_step: float = 2.0  # [pitches] between neighbouring taxels on one surface
-    # Columns with more than two touched rows, for the others to be left out: a corner of the pad in
-    # a hollow has few of either.
+    # With at least so many columns of more than two touched rows, those of two rows are left out. A
+    # corner of the pad in a hollow has few of either.
     n_columns: int = 6
-    newton_steps: int = 3  # from the straight line's crossing: the next changes less than rounding
-    n_slope_pairs: int = 8  # pairs of taxels nearest to a slice that was not met, for the slope
-    edge_slope: float = 0.36  # assumed where only an edge of the pad touches: 20 degrees
+    newton_steps: int = 3  # from the crossing of the straight line; a fourth is below rounding
+    n_slope_pairs: int = 8  # pairs of taxels nearest to a slice that was not met; median slope
+    edge_slope: float = 0.36  # [1] assumed where only an edge of the pad touches: 20 degrees
 
 
 class RowWindow(NamedTuple):
@@ -76,7 +76,7 @@ class RowWindow(NamedTuple):
     n_rows: int
 
 
-# The first of which all rows are touched is taken.
+# The first window whose rows are all touched is used.
 ROW_WINDOWS = tuple(
     RowWindow(*rows) for rows in ((-1, 4), (-2, 4), (0, 4), (-1, 3), (0, 3), (0, 2))
 )
@@ -471,7 +471,7 @@ def deepest_point(pad: Pad, surface: Floats, touched: Bools) -> Floats:
 
 
 def _coefficients(window: RowWindow) -> Floats:
-    """What gives a polynomial's coefficients from its values on the rows, (4, 4)."""
+    """Matrix (4, 4) from a polynomial's values on the rows to its coefficients."""
     nodes = window.first + np.arange(window.n_rows)
     matrix = np.zeros((N_ROWS, N_ROWS))
     values = np.vander(nodes, increasing=True).astype(float)

@@ -46,7 +46,7 @@ from palpate.core.explore.tracing.search import (
 )
 from palpate.core.touch import Pad
 
-MAX_ROUNDING = 1e-9  # [approaches] a stretch that needs one more by less does not get it
+MAX_ROUNDING = 1e-9  # [approaches] excess over a whole number that is rounded down
 # How tracing ended: "closed", the loop is whole; "occluded", it has gaps, or the pad is held off
 # everywhere; "pole", the object ends below the slice; "stuck", there is no way on; "overrun", it
 # goes in circles; "budget", the touches are spent; "no_contact", nothing was touched.
@@ -60,9 +60,9 @@ class ClosingSettings:
     min_winding: float = math.radians(260.0)  # [rad] about its own middle, for a loop to close
     max_winding: float = math.radians(420.0)  # [rad] beyond it an open contour goes in circles
     max_distance: float = 1.0 / 15.0  # [widths of the pad] of the new arc from the start
-    min_steepness: float = 0.97  # of the normals, median, where a surface has left the slice
-    pole_touches: int = 30  # after which a short path circles a pole that a single touch covers
-    pole_extent: float = 0.2  # [widths of the pad] of a short path
+    min_steepness: float = 0.97  # median |z| of the path's normals, above which it lies on a pole
+    pole_touches: int = 30  # after which a path within `pole_extent` is one around a pole
+    pole_extent: float = 0.2  # [widths of the pad] largest side of such a path
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -71,15 +71,15 @@ class FollowSettings:
 
     pad_step: float = 0.69  # [half widths of the pad] longest step
     contact_step: float = 1.05  # [half widths of the contact] longest step
-    # [`SliceSpec.max_spacing`] by which a kept posture steps beyond half of its first arc.
+    # [`SliceSpec.max_spacing`] added to half the first arc of a kept posture: its longest step.
     kept_step: float = 0.5
-    min_bulge: float = 0.015  # [1 / widths of the pad] of contour and pad together
+    min_bulge: float = 0.015  # [1 / widths of the pad] least sum of contour's and pad's curvature
     standoff: float = 0.2  # [widths of the pad] of a plain step
     min_ahead: float = 0.25 / 15.0  # [widths of the pad] of a new point from the path's end
-    min_progress: float = 0.6 / 15.0  # [widths of the pad] of the farthest of them
+    min_progress: float = 0.6 / 15.0  # [widths of the pad] of the farthest point from that end
     sharp_turn: float = 0.2  # [rad] beyond it, progress is measured along the new heading
-    band_radius: float = 0.75  # [pitches] from a point, where a touch has met its column again
-    max_reacquisitions: int = 4  # stretches that cannot be followed, on one contour
+    band_radius: float = 0.75  # [pitches] from a point, in which other touches widen its band
+    max_reacquisitions: int = 4  # of one contour, beyond stretches that cannot be followed
     reacquire_step: float = math.radians(30.0)  # [rad] between approaches, at most
 
 
@@ -351,7 +351,7 @@ def _with_stride(
 def _with_bands_of_all(
     spec: SliceSpec, path: Path, arcs: Sequence[SliceArc | None], settings: FollowSettings
 ) -> Path:
-    """The path, its bands as wide as all of these touches have touched."""
+    """The path, its bands widened by what each of these arcs has touched."""
     for arc in arcs:
         if arc is not None:
             path = path.with_bands_of(arc, settings.band_radius * spec.pad.pitch)
@@ -366,7 +366,7 @@ def _points_before_start(
     steps = np.diff(ahead[:, :2], axis=0)
     to_start = start[:2] - ahead[:-1, :2]
     squares = np.maximum(np.einsum("ni,ni->n", steps, steps), 1e-30)  # never divided by 0
-    share = np.einsum("ni,ni->n", to_start, steps) / squares
+    share = np.einsum("ni,ni->n", to_start, steps) / squares  # of each step, nearest to the start
     nearest = ahead[:-1, :2] + np.clip(share, 0.0, 1.0)[:, None] * steps
     distance = np.linalg.norm(nearest - start[:2], axis=1)
     closest = int(distance.argmin())
@@ -386,8 +386,8 @@ def _final_status(trace: Trace, status: TraceStatus, settings: ClosingSettings) 
     if status == "closed":
         return "occluded" if trace.gaps else "closed"
     if status in ("stuck", "overrun") and trace.path is not None:
-        steepness = float(np.median(np.abs(trace.path.normals[:, 2])))
-        return "pole" if steepness > settings.min_steepness else status
+        vertical = float(np.median(np.abs(trace.path.normals[:, 2])))
+        return "pole" if vertical > settings.min_steepness else status
     return status
 
 

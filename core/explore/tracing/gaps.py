@@ -43,16 +43,16 @@ class WallPosture(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GapSettings:
-    """How gaps are probed; a longer gap is probed from as far away as it is long."""
+    """How gaps are probed. Standoff and reach are at least the gap's length."""
 
     standoff: float = 6.0 / 15.0  # [widths of the pad] before the gap's chord, at least
     reach: float = 8.0 / 15.0  # [widths of the pad] past the gap's chord, at least
     min_inside: float = 0.25 / 15.0  # [widths of the pad] of a point in the gap from both its ends
     min_gain: float = 0.25  # [pitches] by which a useful touch shortens the gap
-    max_turn: float = 1.3  # [rad] of the pad against the chord
-    corner_shift: float = 7.0 / 15.0  # [widths of the pad] leaves one row beyond the slice
-    wall_standoff: float = 9.0 / 15.0  # [widths of the pad] besides the gap's length
-    wall_reach: float = 8.0 / 15.0  # [widths of the pad] at least
+    max_turn: float = 1.3  # [rad] between the pad's heading and the normal of the chord
+    corner_shift: float = 7.0 / 15.0  # [widths of the pad] that leaves one row beyond the slice
+    wall_standoff: float = 9.0 / 15.0  # [widths of the pad] added to the gap's length
+    wall_reach: float = 8.0 / 15.0  # [widths of the pad], or the gap's length if that is more
     # The likeliest first; each is tried at both ends. Chosen on slots, wedges and dents.
     wall_postures: tuple[WallPosture, ...] = (
         WallPosture(0.9, 0.22, 0.0),

@@ -23,7 +23,7 @@ from palpate.core.explore.tracing.contour_path import (
     TouchCommand,
 )
 
-# Why there is no first arc: nothing was touched; only what holds the pad off the slice was; or the
+# Why there is no first arc: nothing was touched; a part beside the slice holds the pad off; or the
 # object ends below the slice.
 NoArc = Literal["no_contact", "occluded", "pole"]
 
@@ -34,46 +34,46 @@ class FirstArcSettings:
 
     # [rad] directions from which the object is approached, until one succeeds.
     azimuths: tuple[float, ...] = tuple(np.radians([0, 90, 180, -90, 45, 135, -45, -135]).tolist())
-    max_touches: int = 5  # from one direction, while the pad stands askew
-    max_askew: float = 0.12  # [rad] angle of the pad to the surface
-    standoff: float = 12.0 / 15.0  # [widths of the pad] of a repeated touch
-    reach: float = 14.0 / 15.0  # [widths of the pad] of a repeated touch
-    reach_from_above: float = 0.2  # [widths of the pad] past the slice
+    max_touches: int = 5  # from one direction, until the pad lies against the surface
+    max_askew: float = 0.12  # [rad] between pad and surface; above it, the touch is repeated
+    standoff: float = 12.0 / 15.0  # [widths of the pad] before the place of a repeated touch
+    reach: float = 14.0 / 15.0  # [widths of the pad] past the place of a repeated touch
+    reach_from_above: float = 0.2  # [widths of the pad] past the slice, of a touch from above
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WalkSettings:
     """How the pad tilts to a surface and walks along it towards the slice."""
 
-    max_touches: int = 6
-    max_remaining: float = 0.85  # of the distance to the slice after a step, for another one
-    max_step: float = 25.0 / 15.0  # [widths of the pad]
-    max_slope_angle: float = 1.3  # [rad] of the surface, in the length of a step
+    max_touches: int = 6  # of one walk
+    max_remaining: float = 0.85  # ratio of the distances to the slice after and before a step
+    max_step: float = 25.0 / 15.0  # [widths of the pad] inwards or outwards
+    max_slope_angle: float = 1.3  # [rad] largest slope for which the length of a step is computed
     standoff: float = 10.0 / 15.0  # [widths of the pad] before and past the place, at least
-    # A wall to which the pad would tilt and turn by less is upright: it leads to no slice.
-    upright_tilt: float = 0.12  # [rad]
-    upright_change: float = 0.08  # [rad]
-    max_bridged: int = 3  # touched taxels on either side of a slice that is not bridged
+    # A wall is upright, and leads to no slice, if tilt and change of tilt are both smaller.
+    upright_tilt: float = 0.12  # [rad] of the next touch
+    upright_change: float = 0.08  # [rad] from this touch to the next one
+    max_bridged: int = 3  # touched taxels on each side of the slice; with more, it is bridged
     tilt_gain: float = 0.7  # fraction of the measured slope by which the next touch is tilted
-    min_slope: float = 0.03  # by which the next touch is tilted
+    min_slope: float = 0.03  # [1] smaller measured slopes leave the tilt as it is
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PostureSettings:
     """Which postures are tried where tilting and walking have met no arc."""
 
-    min_points: int = 3  # of an arc, for its posture to be kept
-    shift: float = 6.8 / 15.0  # [widths of the pad] brings the slice just inside the pad's edge
-    lean: float = 0.45  # [rad] tilt tried together with a shift
-    large_lean: float = 0.9  # [rad]
-    min_tilt: float = 0.3  # [rad] of the surface, for a tilt to it to be shifted as well
-    max_failed_searches: int = 2  # on one contour, until leaning postures are no longer tried
-    standoff: float = 8.0 / 15.0  # [widths of the pad]
-    reach: float = 14.0 / 15.0  # [widths of the pad]
-    first_standoff: float = 14.0 / 15.0  # [widths of the pad] before a contour has begun
-    first_reach: float = 2.0  # [widths of the pad] before a contour has begun
-    kept_standoff: float = 6.0 / 15.0  # [widths of the pad] in a kept posture, at least
-    kept_reach: float = 8.0 / 15.0  # [widths of the pad] in a kept posture, at least
+    min_points: int = 3  # of an arc whose posture is kept
+    shift: float = 6.8 / 15.0  # [widths of the pad] that puts the slice just inside the pad's edge
+    lean: float = 0.45  # [rad] smaller tilt that is tried together with a shift
+    large_lean: float = 0.9  # [rad] larger tilt that is tried together with a shift
+    min_tilt: float = 0.3  # [rad] of the walk's last touch, above which it is tried with a shift
+    max_failed_searches: int = 2  # in a row; after more, leaning postures are not tried
+    standoff: float = 8.0 / 15.0  # [widths of the pad] before the place
+    reach: float = 14.0 / 15.0  # [widths of the pad] past the place
+    first_standoff: float = 14.0 / 15.0  # [widths of the pad] the same, before a contour has begun
+    first_reach: float = 2.0  # [widths of the pad] the same, before a contour has begun
+    kept_standoff: float = 6.0 / 15.0  # [widths of the pad] the same in a kept posture, at least
+    kept_reach: float = 8.0 / 15.0  # [widths of the pad] the same in a kept posture, at least
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -271,7 +271,7 @@ def has_arc(arc: SliceArc) -> bool:
 
 
 def _is_edge(arc: SliceArc, settings: WalkSettings) -> bool:
-    """Whether a touch met the slice in one column that runs along it: no tilt meets more of it."""
+    """Whether a touch met the slice on an edge that crosses it: no tilt meets more of the slice."""
     is_on_both_sides = len(arc.points) > 0 and min(arc.above, arc.below) > 0
     return is_on_both_sides and arc.above + arc.below > settings.max_bridged
 
