@@ -26,8 +26,8 @@ Indices = NDArray[np.intp]
 class CrossingSettings:
     """Distinction of crossings from contact and rounding."""
 
-    # Fraction of the mesh's largest extent by which each face must pass beyond the other's plane.
-    # Coordinates of single precision are rounded by 6e-8 of the largest.
+    # Fraction of the mesh's largest extent by which each face must pass beyond the other's plane;
+    # larger ones find fewer crossings. Single precision rounds by 6e-8 of the largest coordinate.
     min_depth: float = 1e-7
     # Fraction of the longer face's longest edge: a corner nearer to a plane lies in it, and two
     # faces with a shorter common segment only touch.

@@ -33,9 +33,9 @@ SLIVER_HEIGHT = 1e-8  # over length; a lower triangle counts as its edges alone
 class CuttingSettings:
     """Cutting of long triangles for the search, which affects its speed only."""
 
-    max_extra_pieces: int = 50_000  # beyond twice the number of faces
-    max_length: float = 2.0  # longest edge over the root of the mean area
-    length_step: float = 0.7  # of the limit from one round to the next
+    max_extra_pieces: int = 50_000  # beyond twice the number of faces; more pieces are not cut
+    max_length: float = 2.0  # longest edge over the root of the mean area; smaller cuts more
+    length_step: float = 0.7  # factor of the length limit from one round to the next
 
 
 def point_tree(points: Floats, *, balanced: bool = True) -> cKDTree:

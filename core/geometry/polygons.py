@@ -26,9 +26,9 @@ class InscribedCircleSettings:
     """Search of the largest inscribed circle; lengths are fractions of the box's longer side."""
 
     n_cells: int = 12  # first squares across the longer side
-    tolerance: float = 1e-3  # by which no circle is larger, before the last steps
-    last_step: float = 1e-9  # of the circle's middle
-    n_directions: int = 16  # of these steps
+    tolerance: float = 1e-3  # no circle is larger by more, before the last steps
+    last_step: float = 1e-9  # of the circle's middle; shorter steps end the search
+    n_directions: int = 16  # of steps of the middle
     block: int = 1000  # squares at once, to limit memory
 
 

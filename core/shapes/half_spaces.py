@@ -21,7 +21,7 @@ class DeepestPointSettings:
     n_grid: int = 17  # points along each axis
     n_near: int = 5  # points along each axis of the later grids
     n_rounds: int = 40
-    shrinkage: float = 0.7  # of the grid from round to round
+    shrinkage: float = 0.7  # factor of the grid's size from round to round
 
 
 class HalfSpace:

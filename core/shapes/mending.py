@@ -28,14 +28,14 @@ if TYPE_CHECKING:
 class MendSettings:
     """Limits of the repair of a mesh; lengths are fractions of its largest extent."""
 
-    max_hole: float = 0.1  # width; the surface behind a wider one is unknown
-    min_piece: float = 0.01  # smaller loose pieces are no part of the object
+    max_hole: float = 0.1  # width; wider holes are refused, because a patch would be a guess
+    min_piece: float = 0.01  # extent; smaller loose pieces are left out
     stitch_distance: float = 1e-4  # between corners of open edges that are joined
-    # Fraction of the median edge, an upper limit of the distance, so that no face is stitched to
+    # Upper limit of that distance, as a fraction of the median edge, so that no face is stitched to
     # itself.
     max_stitch_edge: float = 0.1
-    max_outside: float = 1e-6  # fraction of a hollow's volume outside the object around it
-    max_rounds: int = 4  # of cutting out crossings, each time with one more ring of faces
+    max_outside: float = 1e-6  # of a hollow's volume outside the object; with more it is a piece
+    max_rounds: int = 4  # of cutting crossings out, with the faces that touch them
     max_cuts: int = 6  # successive planes through a piece that crosses itself
     n_planes: int = 6  # tried along each axis
     max_cut_faces: int = 20_000  # of a piece for which planes are tried; more take many seconds

@@ -41,9 +41,9 @@ class MarchSettings:
     """Search for roots by intervals over which parabolas bound the functions."""
 
     max_steps: int = 2000
-    growth: float = 4.0  # of an interval after one without a root
-    shrinkage: float = 0.125  # of an interval whose bound does not decide
-    root_length: float = 4.0  # [tolerances] of an interval that proves a root, at most
+    growth: float = 4.0  # factor of the next interval after one without a root
+    shrinkage: float = 0.125  # factor of an interval whose bound does not decide
+    root_length: float = 4.0  # [tolerances] longest interval in which a root counts as found
     max_spans: int = 64  # of one ray; the surface behind the last is ignored
     min_span: float = 1e4  # [tolerances]; thinner spans, and gaps between them, are ignored
 

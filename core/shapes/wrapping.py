@@ -35,13 +35,13 @@ class WrapSettings:
     """Resolution of the outer surface; a scan takes some 3 s with 80 voxels."""
 
     n_voxels: int = 80  # along the largest extent
-    margin: int = 10  # voxels around it, where the function falls to nothing
+    margin: int = 10  # voxels around the mesh, in which the function may fall off
     n_directions: int = 32  # of the rays, evenly around
     smoothing: float = 1.0  # [voxels] of the hits' normals
     max_projection: float = 1.5  # [voxels] of vertices onto the triangles
-    near_hit: float = 2.5  # [voxels] from a hit; the surface farther away closes a hole
-    min_part: float = 0.02  # fraction of the largest part's volume: smaller ones are left out
-    max_closed_share: float = 0.25  # of the surface, that may close holes
+    near_hit: float = 2.5  # [voxels] surface farther than this from all hits closes a hole
+    min_part: float = 0.02  # of the largest part's volume; smaller parts are not counted
+    max_closed_share: float = 0.25  # of the surface, that may close holes; more is refused
     max_retreats: int = 5  # rounds in which vertices of faces that cross are moved back
     n_offsets: int = 20_000  # hits whose distances from the surface are averaged
     simplification: float = 0.01  # [voxels] by which the surface may move for fewer faces

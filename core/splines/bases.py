@@ -23,9 +23,9 @@ from palpate.reprs import readable
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-ROUNDING = 64 * float(np.finfo(float).eps)  # of the largest parameter; clipped to the domain
+ROUNDING = 64 * float(np.finfo(float).eps)  # relative; places outside by less are clipped
 CUBIC = 3
-MAX_CACHED_PLACES = 256  # of one evaluation
+MAX_CACHED_PLACES = 256  # evaluations at more places are not cached
 Orders = tuple[int, ...]  # order of the derivative along each axis
 
 

@@ -27,13 +27,13 @@ class ClosedCurveSettings:
     """Estimate of the noise of points around a curve, and tests of the curve."""
 
     fit: curve_fits.CurveFitSettings = curve_fits.DEFAULT_CURVE_FIT
-    # With fewer points noise and shape are indistinguishable: the corners of a square show in five
-    # points each.
+    # Fewer points count as free of noise: noise and shape look alike, as at the corners of a
+    # square, each of which makes five points deviate.
     min_noise_points: int = 25
-    # Cosine between neighbouring deviations above which they are shape. Noise has -0.8.
+    # Median cosine between deviations of neighbours, above which they are shape. Noise has -0.8.
     max_noise_cosine: float = -0.5
-    max_flat_spread: float = 1e-9  # width over length of points on a line, or height of plane ones
-    n_chords: int = 4  # for each knot interval, to test whether the curve meets itself
+    max_flat_spread: float = 1e-9  # width over length of a line; height over length of a plane
+    n_chords: int = 4  # of each knot interval, in the polygon that is tested for crossings
 
 
 DEFAULT_CLOSED_CURVE = ClosedCurveSettings()
@@ -43,7 +43,7 @@ class CurveFlags(NamedTuple):
     """Warnings about the points and the curve."""
 
     degenerate: bool  # all points lie in one place or on one line; the curve encloses nothing
-    uneven: bool  # the longest gap between neighbours is more than 20 times the shortest
+    uneven: bool  # the longest gap between neighbours is over `max_gap_ratio` times the shortest
     self_intersecting: bool  # the curve meets itself, seen along its normal
 
 

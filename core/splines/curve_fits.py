@@ -20,7 +20,7 @@ from palpate.core.splines.bases import CUBIC, Basis, PeriodicBasis, periodic_kno
 Smoothing = float | Literal["auto", "gcv"] | None
 Parametrisation = Literal["auto", "chord", "centripetal", "even"]
 MIN_CONTROL = CUBIC + 1
-ROUNDING = 64 * float(np.finfo(float).eps)  # of the coordinates; points that spread less are one
+ROUNDING = 64 * float(np.finfo(float).eps)  # relative; points that spread less are one
 LARGEST = float(np.finfo(float).max)
 
 
@@ -32,16 +32,16 @@ class CurveFitSettings:
     the mean weight of the points.
     """
 
-    max_control: int = 100  # by default; their system takes 5 ms
-    max_gap_ratio: float = 20.0  # longest chord over the shortest, of even points
-    min_noise: float = 1e-9  # that is smoothed by default
-    max_residual_ratio: float = 1.5  # residual over noise; larger ones show lost shape
-    n_resampled: int = 8  # points for each control point that replace uneven points
+    max_control: int = 100  # points, where no count is given; their system takes 5 ms
+    max_gap_ratio: float = 20.0  # longest chord over the shortest; above it points are uneven
+    min_noise: float = 1e-9  # smaller noise is not smoothed by default
+    max_residual_ratio: float = 1.5  # residual over noise; if larger, smoothing lost shape
+    n_resampled: int = 8  # even points for each control point, in place of uneven ones
     min_smoothing: float = 1e-5  # keeps the system definite where points are missing
     max_smoothing: float = 1e9  # more has no effect: the curve is a point
     # Decimal logarithms of the first and the last strength of cross-validation, and their number.
     strengths: tuple[float, float, int] = (-8.0, 3.0, 67)
-    n_moves: int = 3  # of parameters to the nearest points, without smoothing
+    n_moves: int = 3  # of parameters to the nearest places of the curve, without smoothing
     max_move: float = 0.45  # of the gap to a neighbour, so that two points do not meet
 
 
@@ -51,7 +51,7 @@ class ChordSettings:
 
     corner_angle: float = np.pi / 3  # [rad] turn of the polygon at a corner
     max_corner_share: float = 0.2  # of the points; more such turns are noise
-    # Ratios of chords of points at equal distances: only across corners chords are short.
+    # Points are at equal distances unless a ratio is larger. Chords across corners are shorter.
     max_to_tenth: float = 2.0  # longest chord over the lower tenth
     max_quartile_ratio: float = 1.25  # upper quartile over the lower
     max_to_quartile: float = 1.25  # longest chord over the upper quartile; a longer one is a gap
@@ -312,12 +312,12 @@ def demmler_reinsch(
     is well conditioned for any points. Modes with a share of weight ``mu`` below `min_weight` are
     dropped. `ridge` is added to ``G + B``, so that it has a Cholesky factor.
     """
-    seen, control = scipy.linalg.eigh(weight, weight + bending + ridge * np.eye(len(weight)))
-    seen = np.clip(seen, 0.0, 1.0)
-    control, seen = control[:, seen > min_weight], seen[seen > min_weight]
+    mu, control = scipy.linalg.eigh(weight, weight + bending + ridge * np.eye(len(weight)))
+    mu = np.clip(mu, 0.0, 1.0)
+    control, mu = control[:, mu > min_weight], mu[mu > min_weight]
     shapes = basis @ control
     length = np.linalg.norm(shapes, axis=0)
-    return Modes(shapes / length, control / length, (1.0 - seen) / seen)
+    return Modes(shapes / length, control / length, (1.0 - mu) / mu)
 
 
 def curve_parameters(

@@ -31,7 +31,7 @@ class FoldSettings:
     """Search for folds of a lattice."""
 
     n_samples: int = 25  # along each axis, in the middle of equal steps, if there are no points
-    max_halvings: int = 4  # of undecided pieces
+    max_halvings: int = 4  # of undecided pieces; more decide more, eight times as long for each
     max_coefficients: int = 1 << 22  # of halved pieces, to limit memory
 
 
@@ -301,9 +301,9 @@ def pull_points(lattice: Lattice, points: Floats, targets: Floats, rcond: float 
 class FoldReport(NamedTuple):
     """Folds of a lattice. Changes of volume are 1 where nothing is deformed."""
 
-    verdict: (
-        FoldVerdict  # ``sound`` and ``folded`` are proved for the whole lattice, up to rounding
-    )
+    # ``sound`` and ``folded`` are proved for the whole lattice, up to rounding; ``undecided`` says
+    # nothing.
+    verdict: FoldVerdict
     share: float  # fraction of the samples at which space is inside out or flat
     least: float  # change of volume, of all that were evaluated
     where: Floats  # parameters (3,) of the least change

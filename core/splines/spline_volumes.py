@@ -42,7 +42,7 @@ SECOND_ORDERS: tuple[Orders, ...] = (
     (0, 0, 2),
 )
 PAIR_INDICES = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])  # second derivatives by pairs of axes
-COEFFICIENT_ROUNDING = 16 * float(np.finfo(float).eps)  # relative
+COEFFICIENT_ROUNDING = 16 * float(np.finfo(float).eps)  # relative, of a Bernstein coefficient
 MIN_RELATIVE_VOLUME = 1e-12  # over the edges' lengths; smaller is flat
 Bases = tuple[Basis, Basis, Basis]  # along s, t and u
 

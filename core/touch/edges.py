@@ -25,11 +25,11 @@ SurfaceKind = Literal["smooth", "edge", "corner"]
 class SurfaceKindSettings:
     """When a touched surface is smooth, an edge or a corner."""
 
-    # Misfit of the jet beyond noise: below the first the surface is smooth without a second look (a
-    # ball of eight pitches pressed deeply leaves as much), above the second it is not smooth,
-    # whatever it is (a ball of five pitches does; a step has no faces that differ in slope).
-    max_smooth_misfit: float = 0.008  # [pitches]
-    min_edge_misfit: float = 0.03  # [pitches]
+    # Misfit of the jet beyond noise [pitches]. Below the first the surface is smooth; above the
+    # second it is an edge or a corner even if no flat faces fit, as on a step. A ball of eight
+    # pitches, pressed deeply, leaves as much as the first, one of five as much as the second.
+    max_smooth_misfit: float = 0.008
+    min_edge_misfit: float = 0.03
     noise_sigmas: float = 4.0  # by which noise alone may raise the deviation of a fit
     # A surface that curves within two pitches is an edge to this array, however well a polynomial
     # passes through the few taxels that touch it.

@@ -34,26 +34,27 @@ class FrameSettings:
     """Limits of a frame that a surface can have made."""
 
     max_impossible_share: float = 0.25  # fraction of all taxels
-    max_saturated_share: float = 0.5  # fraction of the touched taxels
-    min_negative: float = 0.5  # [pitches] below zero, beside noise; less is drift
-    noise_sigmas: float = DEFAULT_CONTACT.min_sigmas  # noise is no more, of a taxel
-    min_white_noise: float = 1.2  # noise over that of rounding, from which frames never repeat
+    max_saturated_share: float = 0.5  # fraction of the touched taxels, saturated or impossible
+    min_negative: float = 0.5  # [pitches] below zero, of an impossible reading; less is drift
+    noise_sigmas: float = DEFAULT_CONTACT.min_sigmas  # of a taxel; noise stays within them
+    min_white_noise: float = 1.2  # noise over that of rounding; with more no frame repeats
     rounding: float = 1e-9  # of readings at the limit, fraction of it
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlateauSettings:
-    """When equal largest readings are a cut-off, and not the top of a surface."""
+    """When equal largest readings (a plateau) are a cut-off, and not the top of a surface."""
 
     rounding: float = FrameSettings().rounding  # fraction of the largest reading
     min_taxels: int = 3  # fewer are the top of a surface that lies evenly on the grid
-    max_share: float = 0.5  # fraction of the touched taxels, where the others bear no curvature
-    min_excess: float = 0.008  # [pitches] by which the surface beside them must lead beyond them
-    noise_sigmas: float = 4.0  # the same, in standard deviations of a taxel
-    min_curvature: float = 0.005  # [1 / pitches] beside them; flatter is a face beside a level one
-    min_lines: int = 5  # rows, and columns, of the others that a curvature is known by
-    max_level_share: float = 0.3  # fraction of the taxels around; a face continues at its height
-    max_opening: float = 0.75 * math.pi  # [rad] without others; a face ends at an edge on one side
+    max_share: float = 0.5  # of the touched taxels; more are a cut-off if no quadric fits the rest
+    # A surface that was cut off would rise beyond the plateau by the larger of both.
+    min_excess: float = 0.008  # [pitches]
+    noise_sigmas: float = 4.0  # standard deviations of a taxel
+    min_curvature: float = 0.005  # [1 / pitches] of the lower taxels; less is a face
+    min_lines: int = 5  # rows, and columns, with lower taxels; fewer show no curvature
+    max_level_share: float = 0.3  # of the taxels beside the plateau, at its height; more are a face
+    max_opening: float = 0.75 * math.pi  # [rad] around it without lower taxels; more is an edge
 
 
 def check_image(pad: Pad, name: str, image: Floats | Bools) -> None:

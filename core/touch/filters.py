@@ -30,25 +30,25 @@ LINE_DIRECTIONS = ((0, 1), (1, 0), (1, 1), (1, -1))  # of lines of three taxels,
 class ImpulseSettings:
     """When a taxel counts as an impulse, and when a frame has too many of them."""
 
-    # Bends of a line of three, and offsets from the jet, that are left to the fit: half of what the
-    # tightest curve that has a curvature bends.
+    # Smaller bends of a line of three, and smaller offsets from the jet, are no impulses. The
+    # tightest curve that counts as smooth bends a line of three by twice as much.
     tolerance: float = 0.25  # [pitches]
     max_offset: float = 0.5  # [pitches] from the jet; larger ones are always suspect
-    outlier_sigmas: float = 6.0  # robust deviations from the jet; between both they are suspect
+    outlier_sigmas: float = 6.0  # robust deviations from the jet, suspect between those two limits
     noise_sigmas: float = 4.0  # of one taxel; smaller offsets are noise
-    contrast_sigmas: float = 2.0  # of a bend of three taxels, or of a difference of two
+    contrast_sigmas: float = 2.0  # of the noise in a bend of three taxels, or in a step between two
     max_bend_share: float = 0.5  # bend of an even line, at most, over the taxel's offset
-    # Of the offset: bend that noise may cause in an even line, at most; at the end of a line an
-    # impulse causes a bend of its whole offset.
+    # The same where noise alone may bend a line so much. It is below 1 because an impulse at the
+    # end of a line bends it by its whole offset.
     max_noise_share: float = 0.6
-    # Even lines of a taxel that can support others: the outermost of a step's corner has three, and
-    # so has the middle of five in a row. Rows of five impulses are rare.
+    # Even lines of a core taxel, which can support others. The tip of a step's corner has three,
+    # and so has the middle of five taxels in a row; five impulses in a row are rare.
     min_core_lines: int = 3
-    straight_bend: float = 0.05  # [pitches] of a straight line of three, at most, beside noise
-    # Offset of supporting taxels over the least of a suspect: the rest of a ridge that the jet
-    # misses. The even surface beside an impulse does not support it.
+    straight_bend: float = 0.05  # [pitches] of a straight line of three, at most, without noise
+    # Least offset of supporting taxels, over the least offset of a suspect. The jet misses the rest
+    # of a ridge as well, which supports it; it follows the even surface beside an impulse.
     min_support_share: float = 0.5
-    level_offset: float = 0.15  # [pitches] from a sound neighbour; closer taxels are a ridge
+    level_offset: float = 0.15  # [pitches] from a sound neighbour; closer ones are no impulses
     # Height of impulses in the two outermost rings over all their neighbours.
     border_step: float = 0.15  # [pitches]
     corner_step: float = 0.45  # [pitches] in the array's corners, which have three neighbours

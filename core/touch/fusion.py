@@ -25,7 +25,7 @@ class FusionSettings:
     # Squared innovation above which a touch is followed at once: chi-squared with three degrees of
     # freedom exceeds it in 5 % of cases.
     max_surprise: float = 7.815
-    memory: float = 0.7  # weight of the evidence so far at each new touch
+    memory: float = 0.7  # by which the weight of earlier touches shrinks at each new one
     min_cosine: float = 0.1  # between normal and pad axis; a jet is not corrected below it
 
 
@@ -66,7 +66,7 @@ def fuse(
     """One more touch, which should overlap the last.
 
     The estimate is transported along the surface to the new place, where the curvature may have
-    changed by a random amount that grows with the distance. Its rate is rate from the differences
+    changed by a random amount that grows with the distance. Its rate follows from the differences
     of earlier touches beyond their noise. If the innovation of a touch is still too large, the
     change that explains it is assumed, so that a sudden bend is followed at once.
     """

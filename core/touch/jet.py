@@ -32,8 +32,8 @@ class JetSettings:
     """
 
     min_taxels: tuple[int, ...] = (8, 12, 30, 45)  # for degrees 1, 2, ...
-    # Root mean square of a monomial over the touched taxels, less the lower ones, from which it is
-    # fitted: rounding leaves 1e-16, the smallest contact that is fitted 1e-3.
+    # Least root mean square, over the touched taxels, of a monomial's part that is independent of
+    # the lower ones. Dependent ones leave 1e-16 by rounding, the smallest contact leaves 1e-3.
     min_independent: float = 1e-9
 
 

@@ -31,21 +31,21 @@ TaxelIndices = NDArray[np.signedinteger]
 class TaxelSettings:
     """Selection of taxels and readings for a calibration, and its initial guess."""
 
-    min_presses: int = 4  # of a taxel with a gain and an offset of its own
-    min_taxels: int = 16  # pressed so often
+    min_presses: int = 4  # of a taxel that gets a gain and an offset of its own
+    min_taxels: int = 16  # that were pressed so often; with fewer there is no calibration
     min_known: float = 0.15e-3  # [m] compression; pose errors may have lifted smaller ones
     min_gain: float = 0.3  # reading over compression of a trusted taxel, median
     max_free_offset: float = 0.2e-3  # [m] of a trusted taxel from the median, in free frames
     min_noise: float = 1e-7  # [m] of a taxel; without it priors vanish beside the readings
     free_outlier_sigmas: float = 6.0  # free readings farther off are impulses
     outlier_sigmas: float = 4.5  # residuals farther off are left out
-    n_sweeps: int = 8  # linearisations
+    n_sweeps: int = 8  # of linearising, solving and dropping outliers
     # Initial standard deviations, which the sweeps replace.
     pose_spread: float = 0.1e-3  # [m] of the pose along the pad's normal
     tilt_spread: float = 2e-3  # [rad] of the pose
     gain_spread: float = 0.03  # of a taxel's gain from the common one
     offset_spread: float = 10e-6  # [m] of a taxel's offset from the common one
-    min_spread: float = 1e-9  # [m] or [mm], lower bound of learnt ones and of noise steps
+    min_spread: float = 1e-9  # [m], for gains [m/mm]; least learnt spread and least noise step
 
 
 @readable

@@ -23,9 +23,9 @@ from palpate.reprs import readable
 class NormalPointSettings:
     """How far from a point with a normal its two additional contact points lie."""
 
-    spacing_fraction: float = 0.02  # fraction of the mean spacing of the contours
-    width_fraction: float = 1e-3  # fraction of the width, used where there is only one contour
-    min_horizontal_normal: float = 0.05  # horizontal part of a unit normal; else it is not used
+    spacing_fraction: float = 0.02  # of the mean spacing of the contours
+    width_fraction: float = 1e-3  # of the first contour's width, where all have one height
+    min_horizontal_normal: float = 0.05  # of a unit normal; points of steeper ones are left out
 
 
 @readable

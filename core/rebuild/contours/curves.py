@@ -38,9 +38,9 @@ CUBIC_GAIN = float(np.sqrt(1.0 + 34.0 / 36.0))
 class HeightOutlierSettings:
     """When the height of a point is wrong: compared with the median of its neighbours' heights."""
 
-    n_each_side: int = 4  # neighbours; half of them may be wrong
+    n_each_side: int = 4  # neighbours before and after; the median bears half of them wrong
     min_sigmas: float = 6.0  # standard deviations of the contour's heights
-    min_spread_ratio: float = 3.0  # over the neighbours' interquartile range: a contour may rise
+    min_spread_ratio: float = 3.0  # over the neighbours' interquartile range, large on a slope
     min_deviation: float = 1e-4  # fraction of the perimeter: less does no harm
     max_share: float = 0.15  # of the points; beyond it the contour itself has this shape
     min_points: int = 12  # contours of fewer points are not judged
@@ -51,9 +51,9 @@ class CurveSettings:
     """How contours become curves, and when only noise makes the steps of their points uneven."""
 
     n_fine: int = 512  # places along each curve at which it is compared with others
-    max_noise_ratio: float = 1.6  # of noise along the contour over noise across; else it is uneven
-    min_chord_ratio: float = 8.0  # of the chords that measure the steps, over the noise
-    min_chords_around: int = 6  # the longest such chord spans a sixth of the points
+    max_noise_ratio: float = 1.6  # noise along over noise across; more means uneven steps
+    min_chord_ratio: float = 8.0  # over the noise, of the chords by which steps are compared
+    min_chords_around: int = 6  # such a chord spans at most a sixth of the points
     heights: HeightOutlierSettings = HeightOutlierSettings()
 
 

@@ -25,13 +25,13 @@ from palpate.core.splines import closed_curve_points, interpolate_closed
 class SlidingSettings:
     """How places slide along their curves to where those of the neighbours predict them.
 
-    The predictions of all curves change at once, so that whole steps would diverge: the slide of
-    every other curve is answered by -5/3 of it, and a step of half a slide leaves a third of that.
+    All curves slide at once. Where they are off by d and -d in turn, Lagrange's weights predict
+    -5/3 d: whole slides would leave -5/3 d and diverge, half slides leave -1/3 d.
     """
 
-    n_sweeps: int = 8
-    damping: float = 0.5  # fraction of a slide that one sweep makes
-    max_step: float = 0.02  # [turns], of one sweep
+    n_sweeps: int = 8  # in each of which all curves slide
+    damping: float = 0.5  # fraction of a slide made in one sweep; diverges from 0.75 on
+    max_step: float = 0.02  # [turns] of a place in one sweep
 
 
 def slide_along_curves(
@@ -70,13 +70,13 @@ def slide_along_curves(
 class InterpolationSettings:
     """How far a curve may leave the contour between its points.
 
-    Half of the points are predicted from the other half. The error falls with the `order` of the
-    spacing: 4 for a cubic where points are dense, 2 where they hardly determine the shape.
+    Half of the points are predicted from the other half, at twice the spacing. The error grows with
+    the spacing to the power `order`: 4 for a cubic of dense points, 2 for points that are sparse.
     """
 
-    order: float = 2.0
-    min_points: int = 6  # of a contour: half as many must make a curve
-    certainty: float = 3.0  # multiple of that error's root mean square
+    order: float = 2.0  # larger ones give smaller bounds
+    min_points: int = 6  # of fewer, half make no curve: their bound is infinite
+    certainty: float = 3.0  # bound over the root mean square error
 
 
 def interpolation_errors(
@@ -150,18 +150,18 @@ class InconsistencySettings:
     """
 
     n_each_side: int = 2  # neighbours below and above that predict a contour
-    min_contours: int = (
-        9  # a bad contour spoils five predictions: with fewer, good ones are unclear
-    )
-    usual_quantile: float = (
-        0.2  # of all errors, the usual one: three bad contours spoil half of all
-    )
-    min_error_ratio: float = 4.2  # of the error of a bad contour over the usual error
-    min_error: float = 0.02  # fraction of the mean radius, of the error of a bad contour
-    # Fraction of the larger of both thresholds: contours whose own prediction errs by less are not
-    # tested. 0.7 suffices for a single bad contour; a second one within 4 may hide most of it.
+    # In smaller stacks no contour is bad: each bad one spoils five predictions.
+    min_contours: int = 9
+    # Quantile of all errors that is taken for the error of a good contour. It is low because three
+    # bad contours spoil half of all predictions.
+    usual_quantile: float = 0.2
+    # A bad contour exceeds both thresholds with its error.
+    min_error_ratio: float = 4.2  # over the error of a good contour
+    min_error: float = 0.02  # fraction of the mean radius
+    # Fraction of the larger threshold: contours whose own prediction errs by less are not tested.
+    # 0.7 suffices for a single bad contour; a second one within 4 may hide most of its error.
     min_own_error: float = 0.2
-    max_residual: float = 0.02  # fraction of the squared errors
+    max_residual: float = 0.02  # fraction of the squared errors; smaller ones spare more contours
     max_residual_near_bad: float = 0.01  # where another contour within 4 is bad, too
     max_residual_near_end: float = 0.003  # of the second and the last but one contour
 
@@ -194,14 +194,14 @@ def inconsistent_contours(
         return InconsistentContours(bad, np.zeros(count))
     weights = neighbour_weights(heights, settings.n_each_side)
     spread = np.sqrt(1.0 + (weights**2).sum(axis=1))
-    # Influence (M, M) of contours on predictions, and errors (M, 2 K) of predictions, both over the
-    # standard deviation that noise of 1 gives the error.
+    # Influence (M, M) of contours on predictions, and errors (M, 2 K) of predictions. Both are
+    # divided by the error's standard deviation for noise of 1.
     shares = (weights - np.eye(count)) / spread[:, None]
     errors = shares @ grid.reshape(count, -1)
     usual = float(np.quantile(_rms(errors), settings.usual_quantile))
     size = float(_rms((grid - grid.mean(axis=1, keepdims=True)).reshape(count, -1)).mean())
-    least = max(settings.min_error_ratio * usual, settings.min_error * size)
-    allowed = np.full(count, least) if uncertain is None else np.maximum(uncertain, least)
+    limit = max(settings.min_error_ratio * usual, settings.min_error * size)
+    allowed = np.full(count, limit) if uncertain is None else np.maximum(uncertain, limit)
     while rows := _next_bad(shares, errors, bad, allowed, settings):
         bad[list(rows)] = True
     offsets = np.zeros(count)
@@ -242,24 +242,24 @@ def _gain(
     allowed: Floats,
     settings: InconsistencySettings,
 ) -> float:
-    """Squared error that goes away if these contours are put right; 0 if they are not bad."""
-    free = columns[:, rows]
-    offsets = _displacements(free, errors)
+    """Decrease of the squared errors if these contours are put right; 0 if they are not bad."""
+    influence = columns[:, rows]
+    offsets = _displacements(influence, errors)
     if (_rms(offsets) <= allowed[list(rows)]).any():
         return 0.0
-    left = errors - free @ offsets
+    remaining = errors - influence @ offsets
     reach = 2 * settings.n_each_side
     for row, offset in zip(rows, offsets, strict=True):
         near = bad[max(row - reach, 0) : row + reach + 1].any() or len(rows) > 1
-        most = settings.max_residual_near_bad if near else settings.max_residual
+        max_residual = settings.max_residual_near_bad if near else settings.max_residual
         if row in (1, len(errors) - 2):
-            most = settings.max_residual_near_end
+            max_residual = settings.max_residual_near_end
         share = shares[:, row]
-        seen = np.flatnonzero(share)
-        rest = left[seen] @ offset / (offset @ offset)  # in the direction of the offset
-        if (rest**2).sum() > most * ((rest + share[seen]) ** 2).sum():
+        spoilt = np.flatnonzero(share)  # predictions
+        rest = remaining[spoilt] @ offset / (offset @ offset)  # in the direction of the offset
+        if (rest**2).sum() > max_residual * ((rest + share[spoilt]) ** 2).sum():
             return 0.0
-    return float((errors**2).sum() - (left**2).sum())
+    return float((errors**2).sum() - (remaining**2).sum())
 
 
 def _displacements(columns: Floats, errors: Floats) -> Floats:
@@ -284,10 +284,10 @@ class FeatureCandidate(NamedTuple):
 class MisfitSettings:
     """When a contour that is used counts as unlike its neighbours."""
 
-    # With one contour fewer only the middle one is judged: it may well be the widest, but not be
-    # narrower than both others, or aside.
+    # Of one contour fewer only the middle one is judged: a misfit if it is narrower than both
+    # others or lies aside of them, not if it is the widest. In smaller stacks none is judged.
     min_contours: int = 4
-    min_error_ratio: float = 4.0  # over the neighbours' own errors without the contour
+    min_error_ratio: float = 4.0  # over the others' largest error where it is left out
     min_error: float = 0.1  # fraction of the mean radius: less does little harm
 
 

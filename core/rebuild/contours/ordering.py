@@ -21,20 +21,19 @@ from palpate.core.geometry import is_simple_ring, self_intersects, turn_between
 class OrderingSettings:
     """How points of a section are put in order; tuned on shuffled sections of 4 to 600 points."""
 
-    max_azimuth_ratio: float = (
-        1.02  # length by azimuth over that of the tour; else the tour is used
-    )
+    # Length in the order by azimuth over that of the tour; beyond it the tour is used.
+    max_azimuth_ratio: float = 1.02
     max_tour_points: int = 1500  # beyond it the tour is not shortened; cost grows with the square
     max_sweeps: int = 30  # rounds of shortening
-    min_gain: float = 1e-9  # fraction of the tour's length
-    max_length_ratio: float = 1.15  # of the given order over the tour: beyond it there is no order
+    min_gain: float = 1e-9  # fraction of the tour's length that a reversal must save
+    max_length_ratio: float = 1.15  # given order over new order: beyond it points are in no order
     max_turning: float = 1.25  # [turns] in all, of an order of few points that is certain
     max_turn_per_point: float = np.radians(30.0)  # [rad], mean, of a certain order of many points
-    # Means of this fraction of the points, consecutive ones and no fewer than `min_mean_points`,
-    # must keep `min_width` of the section's width, as they do with noise: a circle's keep 0.95.
-    mean_share: float = 1.0 / 6.0
-    min_mean_points: int = 3
-    min_width: float = 0.6
+    # Points have an order if means of consecutive ones lie almost as far apart as they do. On a
+    # circle means keep 0.95 of its width, with noise as without it.
+    mean_share: float = 1.0 / 6.0  # of all points, in one mean
+    min_mean_points: int = 3  # in one mean
+    min_width: float = 0.6  # of the means, fraction of the section's width
 
 
 DEFAULT_ORDERING = OrderingSettings()

@@ -26,18 +26,18 @@ CUBIC_POINTS = (1, 2, 4, 5)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OutlierSettings:
-    """When a single point deviates too much from its neighbours along the contour."""
+    """When a single point deviates from its neighbours by more than the first three together."""
 
     min_sigmas: float = 4.5  # standard deviations of the points' noise
-    shared_fraction: float = 0.3  # of adjacent contours' deviation there: they sample corners apart
-    min_deviation: float = 5e-4  # fraction of the perimeter: less does little harm
+    shared_fraction: float = 0.3  # of adjacent contours' deviation there, allowed besides
+    min_deviation: float = 5e-4  # fraction of the perimeter, allowed besides: it does little harm
     max_share: float = 0.15  # of a contour's points; beyond it the contour itself has this shape
     min_points: int = 12  # contours of fewer points are not judged
     n_rounds: int = 5  # of search: the largest outlier hides those beside it
-    uneven_slack: float = 0.3  # fraction of uneven steps, allowed along the contour after repair
-    n_repair_sweeps: int = 3  # for outliers side by side
+    uneven_slack: float = 0.3  # fraction of the mean step, allowed besides along uneven contours
+    n_repair_sweeps: int = 3  # of moving outliers to their places, for those side by side
     n_samples: int = 128  # places around at which contours are compared
-    n_contours: int = 4  # adjacent contours that are compared
+    n_contours: int = 4  # nearest in the stack, with which each is compared
     window: float = 1.5  # [steps] on either side, within which a corner counts as the same
 
 
@@ -49,13 +49,13 @@ class PointOutliers(NamedTuple):
 
 
 class _Points(NamedTuple):
-    """All points of all curves in a row."""
+    """The points of all curves, concatenated."""
 
     points: Floats  # (N, 2), as they were given
     owner: NDArray[np.intp]  # number of each point's curve
     turns: Floats  # (N,): parameters on the curves
     near: NDArray[np.intp]  # (N, 7): each point with three neighbours on either side
-    ahead: Floats  # (N, 7) [turns]: of the point
+    ahead: Floats  # (N, 7) [turns]: parameters of `near` less that of the point
     judged: Bools  # whether the curve has enough points
     slack: Floats  # (N,): mean step along the contour, where steps are uneven; else 0
 
@@ -68,31 +68,31 @@ def point_outliers(
     `places` (M, K) are parameters of the curves that correspond, rising, over less than one turn.
     """
     known = np.concatenate([loop.off_height for loop in loops])
-    row = _in_a_row(loops, settings.min_points)
-    least = settings.min_deviation * np.array([loop.perimeter for loop in loops])[row.owner]
-    off = neighbour_deviation(row.points[row.near], row.ahead).off
-    alone = _excess(off, _allowed(off, np.zeros(len(off)), least, row, settings))
+    joined = _concatenated(loops, settings.min_points)
+    min_off = settings.min_deviation * np.array([loop.perimeter for loop in loops])[joined.owner]
+    off = neighbour_deviation(joined.points[joined.near], joined.ahead).off
+    alone = _excess(off, _allowed(off, np.zeros(len(off)), min_off, joined, settings))
     if not known.any() and not (alone > 1.0).any():
         untouched = tuple(loop.points for loop in loops)
         return PointOutliers(
             tuple(np.zeros(len(points), np.bool_) for points in untouched), untouched
         )
-    shared = _shared_deviation(loops, places, row, settings)
-    outlier, mended = _candidates(loops, row, shared, least, known, settings)
-    still_off = _is_off_beside_mended(row, shared, mended, least, settings)
-    outlier &= (still_off & ~shared.by_half(outlier, row.owner)) | known
+    shared = _shared_deviation(loops, places, joined, settings)
+    outlier, mended = _candidates(loops, joined, shared, min_off, known, settings)
+    still_off = _is_off_beside_mended(joined, shared, mended, min_off, settings)
+    outlier &= (still_off & ~shared.by_half(outlier, joined.owner)) | known
     steps = np.array([1.0 / len(loop.points) for loop in loops])
-    shares = np.bincount(row.owner, outlier, len(loops)) * steps
-    outlier &= (shares <= settings.max_share)[row.owner]
-    mended = np.where(outlier[:, None], mended, row.points)
+    shares = np.bincount(joined.owner, outlier, len(loops)) * steps
+    outlier &= (shares <= settings.max_share)[joined.owner]
+    mended = np.where(outlier[:, None], mended, joined.points)
     for _ in range(settings.n_repair_sweeps if outlier.any() else 0):
-        deviation = neighbour_deviation(mended[row.near], row.ahead)
+        deviation = neighbour_deviation(mended[joined.near], joined.ahead)
         mended[outlier] = deviation.predicted(shared.bend)[outlier]
     ends = np.cumsum([len(loop.points) for loop in loops])[:-1]
     return PointOutliers(tuple(np.split(outlier, ends)), tuple(np.split(mended, ends)))
 
 
-def _in_a_row(loops: tuple[ContourCurve, ...], min_points: int) -> _Points:
+def _concatenated(loops: tuple[ContourCurve, ...], min_points: int) -> _Points:
     counts = np.array([len(loop.points) for loop in loops])
     owner = np.repeat(np.arange(len(loops)), counts)
     begin = (np.cumsum(counts) - counts)[owner]
@@ -115,9 +115,9 @@ def _in_a_row(loops: tuple[ContourCurve, ...], min_points: int) -> _Points:
 
 def _candidates(
     loops: tuple[ContourCurve, ...],
-    row: _Points,
+    joined: _Points,
     shared: _Shared,
-    least: Floats,
+    min_off: Floats,
     known: Bools,
     settings: OutlierSettings,
 ) -> tuple[Bools, Floats]:
@@ -125,10 +125,10 @@ def _candidates(
     mended = np.concatenate([loop.points for loop in loops])
     outlier = np.concatenate([loop.outlier for loop in loops])
     for number in range(settings.n_rounds):
-        deviation = neighbour_deviation(mended[row.near], row.ahead)
+        deviation = neighbour_deviation(mended[joined.near], joined.ahead)
         off = deviation.off - shared.off
-        excess = _excess(off, _allowed(off, shared.nearby, least, row, settings))
-        new = (excess > 1.0) & (excess >= excess[row.near].max(axis=1)) & ~outlier
+        excess = _excess(off, _allowed(off, shared.nearby, min_off, joined, settings))
+        new = (excess > 1.0) & (excess >= excess[joined.near].max(axis=1)) & ~outlier
         if number == 0 and (known & ~outlier).any():
             new = known & ~outlier
         if not new.any():
@@ -139,15 +139,19 @@ def _candidates(
 
 
 def _is_off_beside_mended(
-    row: _Points, shared: _Shared, mended: Floats, least: Floats, settings: OutlierSettings
+    joined: _Points,
+    shared: _Shared,
+    mended: Floats,
+    min_off: Floats,
+    settings: OutlierSettings,
 ) -> Bools:
     """Points (N,) that still deviate, as they were given, from their mended neighbours."""
-    beside = mended[row.near]
-    off = neighbour_deviation(beside, row.ahead).off - shared.off
-    allowed = _allowed(off, shared.nearby, least, row, settings)
-    allowed[:, 0] += settings.uneven_slack * row.slack
-    beside[:, N_EACH_SIDE] = row.points
-    off = neighbour_deviation(beside, row.ahead).off - shared.off
+    beside = mended[joined.near]
+    off = neighbour_deviation(beside, joined.ahead).off - shared.off
+    allowed = _allowed(off, shared.nearby, min_off, joined, settings)
+    allowed[:, 0] += settings.uneven_slack * joined.slack
+    beside[:, N_EACH_SIDE] = joined.points
+    off = neighbour_deviation(beside, joined.ahead).off - shared.off
     return np.asarray(_excess(off, allowed) > 1.0)
 
 
@@ -173,7 +177,7 @@ class _Shared(NamedTuple):
 
 
 def _shared_deviation(
-    loops: tuple[ContourCurve, ...], places: Floats, row: _Points, settings: OutlierSettings
+    loops: tuple[ContourCurve, ...], places: Floats, joined: _Points, settings: OutlierSettings
 ) -> _Shared:
     count, n_samples = len(loops), settings.n_samples
     steps = np.array([1.0 / len(loop.points) for loop in loops])
@@ -185,17 +189,17 @@ def _shared_deviation(
     window = int(np.ceil(settings.window * n_samples * float(np.median(steps))))
     largest = _largest_near(np.hypot(off[..., 0], off[..., 1]), window)
     if count == 1:
-        zero, column = 0.0 * row.points, np.zeros(len(row.points), np.intp)
+        zero, column = 0.0 * joined.points, np.zeros(len(joined.points), np.intp)
         adjacent = np.zeros((1, 0), np.intp)
-        return _Shared(zero, zero, 0.0 * row.turns, adjacent, column, n_samples, window)
+        return _Shared(zero, zero, 0.0 * joined.turns, adjacent, column, n_samples, window)
     away = np.abs(np.subtract.outer(np.arange(count), np.arange(count))).astype(np.float64)
     np.fill_diagonal(away, np.inf)
     order = np.argsort(away, axis=1, kind="stable")
     adjacent = order[:, : min(settings.n_contours, count - 1)]
     off, bend = (np.median(part[adjacent], axis=1) * sizes[:, None, None] for part in (off, bend))
     nearby = np.median(largest[adjacent], axis=1) * sizes[:, None]
-    column = _sample_of(row, turns)
-    at = row.owner, column
+    column = _sample_of(joined, turns)
+    at = joined.owner, column
     return _Shared(off[at], bend[at], nearby[at], adjacent, column, n_samples, window)
 
 
@@ -212,14 +216,14 @@ def _sampled_deviation(
     return deviation.off.reshape(*turns.shape, 2), deviation.bend.reshape(*turns.shape, 2)
 
 
-def _sample_of(row: _Points, turns: Floats) -> NDArray[np.intp]:
+def _sample_of(joined: _Points, turns: Floats) -> NDArray[np.intp]:
     """The sample (N,) nearest to each point, of samples at turns (M, s) on the curves."""
     n_samples = turns.shape[1]
-    column = np.empty(len(row.turns), np.intp)
+    column = np.empty(len(joined.turns), np.intp)
     for number, begins in enumerate(turns):
-        own = row.owner == number
+        own = joined.owner == number
         share = np.interp(
-            np.mod(row.turns[own] - begins[0], 1.0),
+            np.mod(joined.turns[own] - begins[0], 1.0),
             np.append(begins - begins[0], 1.0),
             np.arange(n_samples + 1),
         )
@@ -234,18 +238,18 @@ def _largest_near(values: Floats, window: int) -> Floats:
 
 
 def _allowed(
-    off: Floats, shared: Floats, least: Floats, row: _Points, settings: OutlierSettings
+    off: Floats, shared: Floats, min_off: Floats, joined: _Points, settings: OutlierSettings
 ) -> Floats:
     """Largest deviations of good points, along and across (N, 2), from all deviations (N, 2)."""
     size = np.abs(off)
-    ends = np.flatnonzero(np.diff(row.owner)) + 1
+    ends = np.flatnonzero(np.diff(joined.owner)) + 1
     medians = np.array([np.median(part, axis=0) for part in np.split(size, ends)])
-    scale = medians[row.owner]
-    if row.judged.any():
-        scale = np.maximum(scale, np.median(size[row.judged], axis=0))
-    floor = settings.shared_fraction * shared + least
+    scale = medians[joined.owner]
+    if joined.judged.any():
+        scale = np.maximum(scale, np.median(size[joined.judged], axis=0))
+    floor = settings.shared_fraction * shared + min_off
     allowed: Floats = settings.min_sigmas / PROBABLE_ERROR * scale + floor[:, None]
-    return np.where(row.judged[:, None], allowed, np.inf)
+    return np.where(joined.judged[:, None], allowed, np.inf)
 
 
 def neighbour_deviation(beside: Floats, ahead: Floats) -> NeighbourDeviation:

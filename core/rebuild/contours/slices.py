@@ -45,11 +45,11 @@ class StackSettings:
 
     same_height: float = 1e-3  # fraction of the mean spacing of the contours
     height_rounding: float = 1e-9  # fraction of the perimeter: heights nearer differ by rounding
-    height_sigmas: float = 3.0  # standard errors of the difference of two equal heights
+    height_sigmas: float = 3.0  # standard errors by which two equal heights may differ
     max_repeat_distance: float = 0.02  # fraction of the perimeter, root mean square, of repetitions
-    repeat_stride: int = 8  # of the places of a fine curve that are compared with another curve
-    max_tilt: float = 0.25  # fraction of the distance to the next slice
-    max_tilt_alone: float = 0.02  # fraction of the perimeter, of a single slice
+    repeat_stride: int = 8  # every 8th place of a fine curve is compared with the other curve
+    max_tilt: float = 0.25  # fraction of the distance to the nearer slice; more is not level
+    max_tilt_alone: float = 0.02  # fraction of the perimeter, where there is a single slice
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -59,13 +59,13 @@ class MatchSettings:
     Costs are in units of the correlation of two signatures.
     """
 
-    max_score_ratio: float = 0.85  # over the score of least twist, for another method to be used
-    min_inner_slices: int = 6  # from which on only slices with two neighbours each side count
+    max_score_ratio: float = 0.85  # over the score of least twist, below which a method replaces it
+    min_inner_slices: int = 6  # in larger stacks the two slices at either end are not scored
     min_distance: float = 1e-6  # fraction of the perimeter: smaller distances count as equal
-    n_scored: int = 64  # places around, at least, at which methods are compared
-    max_lobe_shift: float = 0.17  # [turns] from the least twist
-    min_relief: float = 0.02  # standard deviation of a signature, fraction of its mean
-    min_correlation: float = 0.5  # of two signatures of one shape
+    n_scored: int = 64  # places around, at least if there are so many, at which scores are taken
+    max_lobe_shift: float = 0.17  # [turns] from the least twist, at which lobes are sought
+    min_relief: float = 0.02  # of lobes: standard deviation of a signature over its mean
+    min_correlation: float = 0.5  # of two signatures; else the least twist is kept
     step_change_cost: float = 15.0  # [1/turn^2] of a change of the step between pairs
     twist_cost: float = 1.5  # [1/turn^2] of a departure from the least twist
 
@@ -82,7 +82,7 @@ class Slices:
     star: Bools  # (M,): whether each ray from the centroid meets the curve once
     self_intersecting: Bools  # (M,)
     tilt: Floats  # (M,) [m]: root mean square rise and fall of z around the contour, without noise
-    tilted: Bools  # (M,): whether that reaches towards the next slice
+    tilted: Bools  # (M,): whether the tilt is too large: see `StackSettings`
     loops: tuple[ContourCurve, ...]  # the contours of the slices
     rows: Ints  # (M,): number of each slice's contour as it was given
     dropped: tuple[DroppedContour, ...]  # contours that are not used, and why
@@ -354,8 +354,8 @@ def begin_turns(steps: Floats, from_slice: int, begin: float) -> Floats:
 def follow_signatures(shapes: Floats, steps: Floats, settings: MatchSettings) -> Floats:
     """Steps (M - 1,) [turns] with which the signatures of adjacent curves agree.
 
-    Lobes look alike, so that a single step could as well be a lobe further. So all steps are chosen
-    together, for the largest sum of correlations less the costs of steps (Bellman, 1957).
+    Lobes look alike, so that a single pair of curves may agree equally well one lobe further. All
+    steps are chosen together: the sum of correlations less costs is largest (Bellman, 1957).
     """
     if not len(steps):
         return steps
@@ -366,17 +366,20 @@ def follow_signatures(shapes: Floats, steps: Floats, settings: MatchSettings) ->
     count = shapes.shape[1]
     waves = np.fft.fft(relief, axis=1)
     turned = np.exp(2j * np.pi * np.fft.fftfreq(count, 1.0 / count) * steps[:, None])
-    products = lengths[:-1] * lengths[1:]
-    scale = np.where(products > 0.0, products, 1.0)
-    alike = np.fft.ifft(np.conj(waves[:-1]) * waves[1:] * turned, axis=1).real / scale[:, None]
-    most = int(settings.max_lobe_shift * count)
-    shifts = np.arange(-most, most + 1)
-    near = alike[:, shifts % count]
-    lobed = lengths > settings.min_relief * mean * np.sqrt(count)
-    followed = lobed[:-1] & lobed[1:] & (near.max(axis=1) > settings.min_correlation)
+    sizes = lengths[:-1] * lengths[1:]
+    scale = np.where(sizes > 0.0, sizes, 1.0)
+    products = np.conj(waves[:-1]) * waves[1:] * turned
+    correlations = np.fft.ifft(products, axis=1).real / scale[:, None]
+    max_shift = int(settings.max_lobe_shift * count)
+    shifts = np.arange(-max_shift, max_shift + 1)
+    near = correlations[:, shifts % count]
+    has_lobes = lengths > settings.min_relief * mean * np.sqrt(count)
+    followed = has_lobes[:-1] & has_lobes[1:] & (near.max(axis=1) > settings.min_correlation)
     gain = np.where(followed[:, None], near, 0.0) - settings.twist_cost * (shifts / count) ** 2
     best = _best_path(gain, shifts / count, settings.step_change_cost)
-    return steps + np.where(followed, circular_peak(alike, shifts[best]), shifts[best] / count)
+    return steps + np.where(
+        followed, circular_peak(correlations, shifts[best]), shifts[best] / count
+    )
 
 
 def _best_path(gain: Floats, shifts: Floats, step_change_cost: float) -> NDArray[np.intp]:
