@@ -40,13 +40,9 @@ class ConeFitSettings:
     max_slope: float = 5.0  # [1] of the profile, where radial offsets are converted to distances
     max_steps: int = 30  # damped Gauss-Newton steps
     initial_damping: float = 1e-3  # fraction of a column's mean square
-    damping_factor: float = (
-        10.0  # by which damping falls after a good step, and grows after a bad one
-    )
+    damping_factor: float = 10.0  # divides damping after a good step, multiplies it after a bad one
     max_damping: float = 1e6  # beyond it, the fit ends
-    min_gain: float = (
-        1e-10  # [extent of the points] of the rms by a step; a smaller one ends the fit
-    )
+    min_gain: float = 1e-10  # [extent of the points] least decrease of the rms by a step
     min_relative_gain: float = 1e-4  # [rms] the same; the larger limit counts
 
 

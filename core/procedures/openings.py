@@ -41,9 +41,7 @@ OpeningKind = Literal["hole", "cavity", "open"]
 class EntrySettings:
     """How a finger that stands on the rim of an opening is moved until it enters."""
 
-    rim_offset: float = (
-        0.2  # [pad's width] between contact and pad's middle; beyond it, it is a rim
-    )
+    rim_offset: float = 0.2  # [pad's width] of a contact from the pad's middle, if it is on a rim
     hole_distance: float = 1.5  # [that offset] from the pad's middle on to the supposed opening
     min_side_cosine: float = 0.9  # between the direction of a probe and the side it belongs to
     merge_distance: float = 0.75  # [pad's width] between places of one opening, at most

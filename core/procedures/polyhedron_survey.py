@@ -37,9 +37,7 @@ class FaceWalkSettings:
     corner_inset: float = 9.0e-3  # [m] from a corner's edges, where its face is checked
     known_distance: float = 4.0e-3  # [m] from a touched point, up to which a place is known
     same_place: float = 1.0e-3  # [m] between places, below which only the first is checked
-    min_approach: float = (
-        0.05  # cosine of a direction to a plane's normal, above which it lies ahead
-    )
+    min_approach: float = 0.05  # cosine of a direction and the normal of a plane that is ahead
     n_azimuths: int = 8  # directions from which open sides are probed
 
 

@@ -52,9 +52,7 @@ class AxisSettings:
     max_error: float = math.radians(3.0)  # [rad] largest standard deviation of an axis
     bound_factor: float = 6.0  # of principal axes' errors, if a fitted parameter is at a bound
     min_ratio: float = 1.06  # of the lengths of two principal axes that count as different
-    snap_deviations: float = (
-        2.0  # [standard deviations] of the largest snapped lean of a revolution
-    )
+    snap_deviations: float = 2.0  # [standard deviations] of lean; a smaller lean is snapped
     min_snap: float = math.radians(1.0)  # [rad] the same angle, at least
     max_snap: float = math.radians(3.0)  # [rad] the same angle, at most
     principal_snap: float = math.radians(15.0)  # [rad] largest lean of a snapped principal axis
