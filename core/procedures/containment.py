@@ -104,7 +104,7 @@ class _Grasp:
         self.is_hollow = False  # whether the palm touched nothing where the top should be
 
     def until(self, n_contacts: int) -> Generator[Move, MoveResult, None]:
-        """Close the hand until there are so many contacts, or no closing is left."""
+        """Close the hand until there are `n_contacts`, or no closing is left."""
         while len(self.points) < n_contacts and self.n_closings < self.settings.max_closings:
             move = self._next_move()
             if move is None:

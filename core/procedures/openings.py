@@ -56,7 +56,7 @@ class OpeningSettings:
     min_depth: float = 5.0e-3  # [m] below the hull, which an opening must exceed
     skin: float = 2.0e-3  # [m] below the hull, down to which free space is ignored
     mouth_depth: float = 6.0e-3  # [m] below the hull, down to which an opening is its mouth
-    min_voxels: int = 12  # of an opening below `min_depth`; half as many of a mouth
+    min_voxels: int = 12  # of an opening, deeper than `min_depth`; half of it of a mouth
     n_sectors: int = 16  # azimuths at which the rim of a mouth is located
     same_side: float = 0.7  # cosine between the normals of pieces that are joined to one mouth
     # Resultant length of a mouth's normals; a groove around the object has a shorter one.

@@ -195,7 +195,7 @@ class Observation:
             not_negative("deviation", self.deviation, "m")
         counts = {len(usable.radii) for usable in self.usable_slices}
         if len(counts) > 1:
-            raise ValueError(f"all slices must have as many azimuths, got {sorted(counts)}")
+            raise ValueError(f"all slices must have equally many azimuths, got {sorted(counts)}")
 
     @property
     def limits(self) -> Limits:
