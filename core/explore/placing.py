@@ -232,23 +232,23 @@ class _Registration:
         rotations = turns @ rotations_from_vectors(parameters[:, :3])
         moved = self._moved(turns, shifts, parameters)
         nearest = np.reshape(self.tree.query(moved.reshape(-1, 3))[1], moved.shape[:2])
-        there, errors = self.surface.normals[nearest], self.errors[nearest]
-        off = np.einsum("bni,bni->bn", moved - self.surface.points[nearest], there) / errors
+        expected, errors = self.surface.normals[nearest], self.errors[nearest]
+        offsets = np.einsum("bni,bni->bn", moved - self.surface.points[nearest], expected) / errors
         turned = self.normals @ rotations.transpose(0, 2, 1)
-        loose = self.normal_errors[nearest][..., None]
-        apart = (turned - there) / loose
-        bends = right_jacobians(parameters[:, :3])
-        along = there / errors[..., None]
+        normal_errors = self.normal_errors[nearest][..., None]
+        turn_offsets = (turned - expected) / normal_errors
+        right = right_jacobians(parameters[:, :3])
+        along = expected / errors[..., None]
         local = np.cross(self.points - self.middle, along @ rotations)
-        by_place = np.concatenate([local @ bends, along], axis=2)
-        by_normal = -rotations[:, None] @ cross_matrices(self.normals) @ bends[:, None]
+        by_place = np.concatenate([local @ right, along], axis=2)
+        by_normal = -rotations[:, None] @ cross_matrices(self.normals) @ right[:, None]
         by_normal = np.concatenate([by_normal, np.zeros_like(by_normal)], axis=3)
-        by_normal = (by_normal / loose[..., None]).reshape(len(turns), -1, 6)
-        height, by_height = self._heights(rotations, shifts + parameters[:, 3:], bends)
-        residuals = np.concatenate([off, apart.reshape(len(turns), -1), height], axis=1)
+        by_normal = (by_normal / normal_errors[..., None]).reshape(len(turns), -1, 6)
+        height, by_height = self._heights(rotations, shifts + parameters[:, 3:], right)
+        residuals = np.concatenate([offsets, turn_offsets.reshape(len(turns), -1), height], axis=1)
         return residuals, np.concatenate([by_place, by_normal, by_height], axis=1)
 
-    def _heights(self, rotations: Floats, shifts: Floats, bends: Floats) -> tuple[Floats, Floats]:
+    def _heights(self, rotations: Floats, shifts: Floats, right: Floats) -> tuple[Floats, Floats]:
         """Height (b, 1) of the hull's lowest corner over the platform, and derivatives (b, 1, 6).
 
         Both are divided by that corner's standard deviation. Uncertain corners, as of an untouched
@@ -262,5 +262,5 @@ class _Registration:
         height = np.einsum("bi,bi->b", away, ups) + self.middle[2] - self.platform
         world = np.einsum("bij,bi->bj", rotations, away)
         level = np.column_stack([-world[:, 1], world[:, 0], np.zeros(len(world))])
-        growth = np.concatenate([np.einsum("bi,bij->bj", level, bends), -ups], axis=1)
+        growth = np.concatenate([np.einsum("bi,bij->bj", level, right), -ups], axis=1)
         return height[:, None] / errors, (growth / errors)[:, None]

@@ -36,14 +36,14 @@ class ConeChoiceSettings:
     fit: ConeFitSettings = DEFAULT_CONE_FIT
     # [rad] between normal and axis; a contact that is closer to the axis belongs to an end.
     min_side_angle: float = math.radians(25.0)
-    end_cost: float = 0.2  # [standard deviations] per contact that an axis assigns to an end
-    n_first_harmonics: int = 3  # of a section, for the first contacts
-    max_gap: float = math.radians(40.0)  # [rad] untouched about the axis, if not of revolution
+    end_cost: float = 0.2  # [standard deviations] added per contact that an axis assigns to an end
+    n_first_harmonics: int = 3  # of a section that is fitted to the first contacts
+    max_gap: float = math.radians(40.0)  # [rad] untouched about the axis, unless of revolution
     # A simpler kind is chosen if its residual does not exceed the sum of these two.
     max_rms_ratio: float = 1.25  # times the residual of the best kind
     rms_tolerance: float = 0.2  # [standard deviations]
-    rim_width: float = 0.3  # fraction of the pad's width; a touch there may reach over the rim
-    min_touch_points: int = 12  # of a touch: with fewer it is left out
+    rim_width: float = 0.3  # [pad's width] from an end, where a touch may reach over the rim
+    min_touch_points: int = 12  # of a touch on the side; one with fewer, or as many, is left out
     min_touches: int = 4  # of a fit
 
 

@@ -37,15 +37,15 @@ class ConeEndSettings:
     """How an end is touched, and when it is plane, round or hollow."""
 
     min_points: int = 12  # of a touch of a plane end
-    noise_sigmas: float = 4.0  # [standard deviations of a taxel] rms about a plane end
-    plane_sigmas: float = 0.5  # [standard deviations of a point], the same if it is larger
+    noise_sigmas: float = 4.0  # [standard deviations of a taxel] largest rms about a plane end
+    plane_sigmas: float = 0.5  # [standard deviations of a point] the same; the larger one counts
     max_plane_tilt: float = math.radians(2.0)  # [rad] of a plane end's normal to the axis
     plane_radius: float = 0.6  # fraction of the radius, where a plane end is touched again
     round_radius: float = 0.7  # fraction of the radius, where a round end is touched again
-    round_overlap: float = 0.1  # fraction of the pad's width, of a round end and the side
+    round_overlap: float = 0.1  # fraction of the pad's width, of side that a round end replaces
     min_hollow: int = 6  # untouched taxels between touched ones that show a hole
-    hollow_depth: float = 3.0e-3  # [m] below the end of the side, where a finger fell in
-    upright_cosine: float = 1.0 - 1e-3  # of an axis to the vertical: its lower end is the platform
+    hollow_depth: float = 3.0e-3  # [m] of a touch below the end of the side; beyond it: hollow
+    upright_cosine: float = 1.0 - 1e-3  # to the vertical; beyond it, the platform is the lower end
 
 
 DEFAULT_CONE_ENDS = ConeEndSettings()

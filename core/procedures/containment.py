@@ -46,18 +46,18 @@ class ContainmentSettings:
     min_contacts: int = 30  # by the text
     max_contacts: int = 100  # by the text
     n_predicted: int = 12  # contacts, made after a fit, that the fit must predict
-    # [m] of a predicted contact, added to its own error: facets of the mesh, and rims that the
-    # exponents follow only so far.
+    # [m] added to the allowed distance of a predicted contact, for the mesh's facets, and for rims
+    # that are sharper than the superquadric's exponents allow.
     prediction_tolerance: float = 0.2e-3
     max_closings: int = 80  # after the first contact
     hand_size: float = 0.8  # fraction of the fingers' reach: opening and reach of the hand
-    palm_depth: float = 8.0e-3  # [m] below the fitted top, to which the palm comes from above
+    palm_depth: float = 8.0e-3  # [m] below the fitted top, down to which the palm searches for it
     max_overhang: float = 6.0e-3  # [m] of the solid beyond all contacts
-    down_cosine: float = -0.7  # an axis that points down more steeply has no contacts at its end
-    facing_cosine: float = 0.5  # of a contact's normal and the end of an axis that it touches
+    down_cosine: float = -0.7  # z part of an axis's end; below it, the end needs no contact
+    facing_cosine: float = 0.5  # between an end's axis and the normal of a contact that touches it
     max_stand_fits: int = 4  # repetitions of the fit, to stand the solid on the platform
-    foot_height: float = 1.0e-3  # [m] of the lowest and the highest places of a solid
-    mesh_level: int = 5
+    foot_height: float = 1.0e-3  # [m] thickness of the layer that is a solid's foot, or its top
+    mesh_level: int = 5  # of the tessellation of a fit; finer if larger
 
 
 def containment(
@@ -104,7 +104,7 @@ class _Grasp:
         self.is_hollow = False  # whether the palm touched nothing where the top should be
 
     def until(self, n_contacts: int) -> Generator[Move, MoveResult, None]:
-        """Close the hand until there are so many contacts, or no closing is left."""
+        """Close the hand until there are `n_contacts`, or no closing is left."""
         while len(self.points) < n_contacts and self.n_closings < self.settings.max_closings:
             move = self._next_move()
             if move is None:

@@ -64,9 +64,9 @@ class FearingSettings:
     min_apex_distance: float = 3.0e-3  # [m] of the apex from the plane of an end
     min_error: float = 1e-9  # [m] and [rad] of any standard deviation
     min_curved: int = 2  # touches that are curved both ways, which show that it is no cone
-    max_relative_error: float = 0.25  # of a curvature difference that defines a direction
+    max_relative_error: float = 0.25  # of a curvature difference; below it, directions are defined
     n_compared: int = 5  # features whose places are assigned in all ways
-    residual_tolerance: float = 0.5  # [standard deviations] over the best interpretation
+    residual_tolerance: float = 0.5  # [standard deviations] above the best; such ones are kept too
     same_axis: float = math.radians(3.0)  # [rad] between the axes of one cone
     same_apex: float = 5.0e-3  # [m] between the apices of one cone
 

@@ -60,7 +60,7 @@ class FirstPairSettings:
     depths: tuple[float, ...] = (18.0e-3, 38.0e-3)  # [m] below the top
     n_azimuths: int = 3  # at each depth; as many pairs must touch the sides
     min_height: float = 0.3  # fraction of the top's height over the platform
-    clearance: float = 0.01  # [m] above the platform
+    clearance: float = 0.01  # [m] above the platform, at least
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,7 +70,7 @@ class LeaningSettings:
     max_pairs: int = 8  # at each end
     step: float = 0.25  # fraction of the pad's width, between two pairs
     slope_distance: float = 0.5e-3  # [m] to both sides, over which the profile's slope is taken
-    max_slope: float = 4.0  # of the profile
+    max_slope: float = 4.0  # [1] of the profile; a steeper place is not touched
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -81,11 +81,11 @@ class FollowerSettings:
     leaning: LeaningSettings = LeaningSettings()
     choice: ConeChoiceSettings = DEFAULT_CONE_CHOICE
     ends: ConeEndSettings = DEFAULT_CONE_ENDS
-    max_opening: float = 0.9  # fraction of the fingers' reach, from which a finger closes
-    ample_radius: float = 1.5  # times the expected radius, from which it closes first
+    max_opening: float = 0.9  # fraction of the fingers' reach, the farthest start of a finger
+    ample_radius: float = 1.5  # times the expected radius, plus the standoff: its first start
     step: float = 0.45  # fraction of the pad's width, between two pairs along the axis
-    min_step: float = 0.1  # fraction of the pad's width
-    max_pairs: int = 120
+    min_step: float = 0.1  # fraction of the pad's width, to which a step is halved at an end
+    max_pairs: int = 120  # along the axis
     min_pairs: int = 6  # that determine an axis and a profile
     n_turns: int = 12  # directions of a pair, tried where the platform is in the way
     max_axis_error: float = math.radians(1.0)  # [rad] beyond it a plane end gives the axis

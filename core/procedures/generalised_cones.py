@@ -35,15 +35,15 @@ class ConeFitSettings:
     min_knots: int = 4
     max_knots: int = 80
     n_harmonics: int = 8  # of a free section
-    n_touch_points: int = 40  # that are used of a larger touch, up to twice as many
-    smoothing: float = 1e-4  # weight of second differences over that of all points
-    max_slope: float = 5.0  # of the profile, in the conversion of radial offsets to distances
-    max_steps: int = 30
+    n_touch_points: int = 40  # to which a larger touch is thinned; less than twice as many are kept
+    smoothing: float = 1e-4  # weight of second differences and harmonics over that of all points
+    max_slope: float = 5.0  # [1] of the profile, where radial offsets are converted to distances
+    max_steps: int = 30  # damped Gauss-Newton steps
     initial_damping: float = 1e-3  # fraction of a column's mean square
-    damping_factor: float = 10.0  # of a change of the damping
-    max_damping: float = 1e6
-    min_gain: float = 1e-10  # fraction of the points' extent; a smaller gain of a step ends the fit
-    min_relative_gain: float = 1e-4  # fraction of the residual, the same
+    damping_factor: float = 10.0  # divides damping after a good step, multiplies it after a bad one
+    max_damping: float = 1e6  # beyond it, the fit ends
+    min_gain: float = 1e-10  # [extent of the points] least decrease of the rms by a step
+    min_relative_gain: float = 1e-4  # [rms] the same; the larger limit counts
 
 
 DEFAULT_CONE_FIT = ConeFitSettings()

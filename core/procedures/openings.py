@@ -41,29 +41,29 @@ OpeningKind = Literal["hole", "cavity", "open"]
 class EntrySettings:
     """How a finger that stands on the rim of an opening is moved until it enters."""
 
-    rim_offset: float = 0.2  # fraction of the pad's width, of a contact from the pad's middle
-    hole_distance: float = 1.5  # times that offset, from the pad's middle to the opening
-    min_side_cosine: float = 0.9  # between a contact's outward normal and that of a side
-    merge_distance: float = 0.75  # fraction of the pad's width, between places of one opening
-    shift: float = 0.4  # fraction of a contact's offset from the pad's middle
-    max_shifts: int = 5
+    rim_offset: float = 0.2  # [pad's width] of a contact from the pad's middle, if it is on a rim
+    hole_distance: float = 1.5  # [that offset] from the pad's middle on to the supposed opening
+    min_side_cosine: float = 0.9  # between the direction of a probe and the side it belongs to
+    merge_distance: float = 0.75  # [pad's width] between places of one opening, at most
+    shift: float = 0.4  # [offset of contact from pad's middle] by which the next probe is moved
+    max_shifts: int = 5  # probes of one opening
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OpeningSettings:
     """When free space inside the convex hull is an opening, and of which kind."""
 
-    min_depth: float = 5.0e-3  # [m] of an opening in the hull
-    skin: float = 2.0e-3  # [m] below the hull, where free space is ignored
+    min_depth: float = 5.0e-3  # [m] below the hull, which an opening must exceed
+    skin: float = 2.0e-3  # [m] below the hull, down to which free space is ignored
     mouth_depth: float = 6.0e-3  # [m] below the hull, down to which an opening is its mouth
-    min_voxels: int = 12  # of an opening; half of it of a mouth
-    n_sectors: int = 16  # azimuths in which the rim of a mouth is located
-    same_side: float = 0.7  # cosine between the normals of mouths on one side, which are one
-    # Length of a mouth's mean normal; of a groove around the object it is shorter.
+    min_voxels: int = 12  # of an opening, deeper than `min_depth`; half of it of a mouth
+    n_sectors: int = 16  # azimuths at which the rim of a mouth is located
+    same_side: float = 0.7  # cosine between the normals of pieces that are joined to one mouth
+    # Resultant length of a mouth's normals; a groove around the object has a shorter one.
     min_mean_normal: float = 0.6
     max_hole_cosine: float = 0.5  # between the normals of a hole's mouths
-    bottom_distance: float = 9.0e-3  # [m] of a bottom, behind and beside the deepest free place
-    min_width: float = 4.0e-3  # [m] of a hole in a tactile image
+    bottom_distance: float = 9.0e-3  # [m] from the deepest free place to touched points of a bottom
+    min_width: float = 4.0e-3  # [m] of a hole that shows in a tactile image alone
     entry: EntrySettings = EntrySettings()
 
 

@@ -31,13 +31,13 @@ class FaceWalkSettings:
     drop: float = 2.5e-3  # [m] below the face, where a step ends without contact
     step: float = 0.55  # fraction of the pad's width, between two touches of a face
     max_steps: int = 40
-    edge_depth: float = 10.0e-3  # [m] below an edge, where the next face is probed
+    edge_depth: float = 10.0e-3  # [m] below a face, where the face behind its edge is probed
     leaning_depth: float = 0.3  # fraction of `edge_depth`, for the second probe, which leans
-    lean: float = 0.6  # tangent of the second probe's angle
+    lean: float = 0.6  # tangent of the second probe's angle to the first
     corner_inset: float = 9.0e-3  # [m] from a corner's edges, where its face is checked
     known_distance: float = 4.0e-3  # [m] from a touched point, up to which a place is known
-    same_place: float = 1.0e-3  # [m] between places that are checked once
-    min_approach: float = 0.05  # least cosine of a direction and the normal of a plane ahead
+    same_place: float = 1.0e-3  # [m] between places, below which only the first is checked
+    min_approach: float = 0.05  # cosine of a direction and the normal of a plane that is ahead
     n_azimuths: int = 8  # directions from which open sides are probed
 
 
@@ -52,7 +52,7 @@ class PlanarSettings:
     same_offset: float = 1.0e-3  # [m] of a contact from its face
     plane_sigmas: float = 4.0  # [standard deviations of a point] about the plane of a face
     touch_sigmas: float = 4.0  # [standard deviations of a taxel] within one touch of a plane
-    max_touch_rise: float = 1.0  # [standard deviations of a point], the same if it is larger
+    max_touch_rise: float = 1.0  # [standard deviations of a point] the same; the larger counts
     rim_depth: float = 10.0e-3  # [m] below two faces, where a curved contact is a rounded rim
     max_rim_gap: float = 1.4e-3  # [m] from an edge or corner to the touch on it, if it is sharp
     min_hollow: int = 6  # untouched taxels between touched ones that show a hole

@@ -27,12 +27,12 @@ MIN_CONTACTS = N_PARAMETERS + 1
 class ExtrusionSettings:
     """Which normals belong to the straight sides of an object, and when these have an axis."""
 
-    # [rad] from square to the axis, of the sides' normals in each iteration.
+    # [rad] largest deviation of the sides' normals from square to the axis, in each iteration.
     side_angles: tuple[float, ...] = tuple(math.radians(a) for a in (20.0, 10.0, 5.0, 2.5, 1.5))
     min_contacts: int = 10  # of the sides
-    min_share: float = 0.4  # of all that are about square to the axis: a round surface has fewer
-    # Fraction of the normals in the direction that has fewest: else the axis may turn about the
-    # only direction in which they point.
+    min_share: float = 0.4  # of contacts in the first angle; a round surface keeps fewer
+    # Mean square of the sides' unit normals in the weaker direction across the axis. With less, all
+    # point in nearly one direction, and the axis may turn about it.
     min_spread: float = 0.05
 
 
@@ -40,8 +40,8 @@ class ExtrusionSettings:
 class EndAxisSettings:
     """When the normal of a touched end is a better slicing axis."""
 
-    min_change: float = math.radians(1.0)  # [rad] of the axis
-    max_level: float = math.radians(3.0)  # [rad] of a level end: the object stands on a platform
+    min_change: float = math.radians(1.0)  # [rad] of the axis; smaller changes are not made
+    max_level: float = math.radians(3.0)  # [rad] of an end's normal to the vertical, of a level end
     max_side_angle: float = math.radians(3.0)  # [rad] of the sides' own axis from the end's normal
 
 
@@ -49,12 +49,12 @@ class EndAxisSettings:
 class RevolutionSettings:
     """How an axis of revolution is fitted to normals, some of which do not belong to it."""
 
-    n_iterations: int = 25  # of weighting the normals anew
-    n_fixed: int = 6  # of these, the first, in which the axis keeps its direction
-    outlier: float = 3.0  # [deviations] from which on a normal has no weight, as at edges
+    n_iterations: int = 25  # of iterative reweighting
+    n_fixed: int = 6  # first iterations, in which the axis keeps its direction
+    outlier: float = 3.0  # [standard deviations] beyond which a normal has no weight, as at edges
     max_miss: float = 0.015  # [size of the contacts] of normals that belong to the axis
-    min_scale: float = 5e-4  # [size of the contacts] of the standard deviation
-    ridge: float = 1e-6  # of the mean moment: the axis of a cylinder may slide along itself
+    min_scale: float = 5e-4  # [size of the contacts] least standard deviation of misses
+    ridge: float = 1e-6  # of the mean square, added to it: a cylinder's moment is not unique
 
 
 def end_face_axis(
@@ -159,7 +159,7 @@ def revolution_axis(
 def _fit_weights(
     lines: Floats, axis: Floats, settings: RevolutionSettings
 ) -> tuple[Floats, float, float]:
-    """Weights (n,) of the normals that meet an axis near this one, their spread, and its cost."""
+    """Weights (n,) of the normals in a fit from a start `axis` (3,), their spread, and its cost."""
     weights, scale, missed = np.ones(len(lines)), math.inf, np.zeros(len(lines))
     for iteration in range(settings.n_iterations):
         _, directions, slides = _axes(lines, weights, settings.ridge)
@@ -169,7 +169,7 @@ def _fit_weights(
         scale = max(scaled_mad(missed), settings.min_scale)
         off = np.minimum(np.abs(missed) / (settings.outlier * scale), 1.0)
         weights = (1.0 - off * off) ** 2
-    # Not the least spread: half of the contacts may agree on an axis that the others refute.
+    # The spread is no cost: half of the contacts may agree on an axis that the others contradict.
     cost = float(np.minimum(np.abs(missed) / settings.max_miss, 1.0).mean())
     return weights, scale, cost
 

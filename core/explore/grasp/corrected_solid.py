@@ -17,17 +17,17 @@ import numpy as np
 from palpate.core.arrays import Floats, Ints
 from palpate.core.shapes import FittedSuperquadric, Mesh
 
-MIN_VARIANCE_GAP = 1e-6  # [largest variance] between two, in a quotient
+MIN_VARIANCE_GAP = 1e-6  # [largest variance] smallest difference of two that is a divisor
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SolidSettings:
     """How a fitted solid is moved on to its contacts."""
 
-    mesh_level: int = 4  # of the tessellation in which volumes are summed
-    foot_height: float = 0.015  # [diameter] of what stands on the platform
-    correlation_length: float = 0.2  # [diameter] over which displacements are alike
-    error_ratio: float = 5.0  # of displacements away from contacts to what the fit misses
+    mesh_level: int = 4  # of the tessellation over which volumes are summed; finer if larger
+    foot_height: float = 0.015  # [diameter] above the lowest place, of what stands on the platform
+    correlation_length: float = 0.2  # [diameter] of the displacements' squared exponential kernel
+    error_ratio: float = 5.0  # of displacements away from contacts, per rms residual of the fit
 
 
 class CorrectedSolid(NamedTuple):

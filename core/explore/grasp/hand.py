@@ -39,8 +39,8 @@ class HandSettings:
     """From where a hand closes, and what it expects to touch."""
 
     search_heights: tuple[float, ...] = (0.04, 0.012)  # [m] over the platform, before any contact
-    # With fewer contacts the object has not been touched from all sides: it is expected to be so
-    # thick behind each contact.
+    # With fewer contacts the object has not been touched from all sides: a point is added behind
+    # each contact, at this thickness.
     min_contacts: int = 12
     thickness: float = 0.04  # [m]
     min_axis_ratio: float = 0.15  # of the expected ellipsoid's shortest to its longest semi-axis
@@ -56,7 +56,7 @@ class HandSettings:
         (0.0, 0.5, 0.0),
         (0.0, -0.5, 0.0),
     )
-    margin: float = 0.02  # [m] before the expected surface, where fingers begin to close slowly
+    margin: float = 0.02  # [m] before the expected surface, up to which fingers are brought in
 
 
 def search_pose(

@@ -42,35 +42,35 @@ MAX_ROUNDING = 1e-9  # [1] parts of unit vectors that are smaller are 0
 class AxisSettings:
     """Which axis a solid has, and when that is the vertical.
 
-    Objects stand on platforms, so an axis near the vertical is taken for it. Features that no
-    contact has met turn the principal axes of vases and twisted columns by as much as stands here,
+    Objects stand on platforms, so an axis near the vertical is snapped to it. Features that no
+    contact has met turn the principal axes of vases and twisted columns by up to the snap angles,
     and slices that lean less are as good; with few contacts the axes turn farther.
     """
 
     min_normals: float = 0.6  # fraction of the contacts whose normals meet an axis of revolution
-    min_lift: float = 0.045  # of `RevolutionAxis`; less: nearer to a ball
-    max_error: float = math.radians(3.0)  # [rad] standard deviation of an axis
-    bound_factor: float = 6.0  # on errors of principal axes of a fit that came to a bound
-    min_ratio: float = 1.06  # of two principal axes that differ
-    snap_deviations: float = 2.0  # of an axis of revolution that is snapped to the vertical
-    min_snap: float = math.radians(1.0)  # [rad] of an axis of revolution, at least
-    max_snap: float = math.radians(3.0)  # [rad] of an axis of revolution, at most
-    principal_snap: float = math.radians(15.0)  # [rad] of a principal axis
-    few_contacts: int = 60  # fewer have the next snap
-    few_contacts_snap: float = math.radians(45.0)  # [rad] of a principal axis
+    min_lift: float = 0.045  # smallest `RevolutionAxis.lift`; a surface with less is nearly a ball
+    max_error: float = math.radians(3.0)  # [rad] largest standard deviation of an axis
+    bound_factor: float = 6.0  # of principal axes' errors, if a fitted parameter is at a bound
+    min_ratio: float = 1.06  # of the lengths of two principal axes that count as different
+    snap_deviations: float = 2.0  # [standard deviations] of lean; a smaller lean is snapped
+    min_snap: float = math.radians(1.0)  # [rad] the same angle, at least
+    max_snap: float = math.radians(3.0)  # [rad] the same angle, at most
+    principal_snap: float = math.radians(15.0)  # [rad] largest lean of a snapped principal axis
+    few_contacts: int = 60  # with fewer contacts, the next angle is used
+    few_contacts_snap: float = math.radians(45.0)  # [rad] largest lean of a snapped principal axis
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExtentSettings:
     """Where an object ends along its axis, and how uncertain that is."""
 
-    end_height: float = 0.06  # [extent] of contacts of the end below the outermost one
-    min_cosine: float = 0.9  # of the axis to the normal of a contact that shows where the end is
+    end_height: float = 0.06  # [extent of contacts] of an end's contacts below the outermost
+    min_cosine: float = 0.9  # between the axis and the normal of a contact that gives the end
     min_round_cosine: float = 0.5  # the same, where the fitted solid does not fit
-    bound_share: float = 0.3  # of the usual misfit that a fit which came to a bound may have
-    foot_height: float = 0.25  # [extent] of contacts that may be the foot's rim
-    min_axis_cosine: float = 0.5  # of the axis to the vertical, for the platform to cut it off
-    # [radius] standard deviations of ends that neither contacts nor the solid show.
+    bound_share: float = 0.3  # of `max_misfit`, allowed if a fitted parameter is at a bound
+    foot_height: float = 0.25  # [extent of contacts] of contacts that may be on the foot's rim
+    min_axis_cosine: float = 0.5  # between axis and vertical, above which the platform gives an end
+    # [radius] standard deviations of ends that follow neither from contacts nor from the solid.
     free_error: float = 0.5
     platform_error: float = 0.25  # of an end on the platform
     round_error: float = 0.1  # of an end between an edge and a round cap
@@ -81,7 +81,7 @@ class FrameSettings:
     """How the frame of a grasped object is found."""
 
     min_contacts: int = 11  # for an axis
-    max_misfit: float = 0.015  # [diameter] of contacts from a solid that shows what lies beyond
+    max_misfit: float = 0.015  # [diameter] rms of contacts, up to which the solid gives the ends
     solid: SolidSettings = field(default_factory=SolidSettings)
     axis: AxisSettings = field(default_factory=AxisSettings)
     extent: ExtentSettings = field(default_factory=ExtentSettings)
@@ -169,7 +169,7 @@ def _find_line(
 
 
 def _about_contacts(points: Floats, platform: float, given_axis: Floats | None) -> ObjectFrame:
-    """A frame about contacts of which no more is known: upright, unless an axis is given."""
+    """A frame about contacts without a fitted solid: upright, unless an axis is given."""
     axis = np.array([0.0, 0.0, 1.0]) if given_axis is None else _upwards(given_axis)
     kind: AxisKind = "none" if given_axis is None else "given"
     turn = np.eye(3) if _is_vertical(axis) else _turn_to(axis)
@@ -383,4 +383,4 @@ class FittedSolid(NamedTuple):
 
     vertices: Floats  # (n, 3) [m]
     deviation: Floats  # (n,) [m] standard deviation of each vertex
-    misfit: float  # of the largest misfit that it may have, from 0 to 1
+    misfit: float  # rms over the largest allowed one, 0 to 1

@@ -33,18 +33,18 @@ MAX_ROUNDING = 1e-9  # [1] parts of unit vectors that are smaller are 0
 class ApproachSettings:
     """Which places are approached, from where, and what must be free."""
 
-    n_places: int = 32  # that are approached: the worst
+    n_places: int = 32  # worst places, which are approached
     spacing: float = 0.75  # [widths of the pad] between two of these
     normal_radius: float = 0.2  # [widths of the pad] over which normals are averaged
-    known_radius: float = 0.33  # [widths of the pad] about a contact, known after the touch
+    known_radius: float = 0.33  # [widths of the pad] around a contact that are known afterwards
     n_rays: int = 6  # along each side of the pad's face
-    contact_depth: float = 1.0e-3  # [m] behind the first contact of what the pad touches as well
+    contact_depth: float = 1.0e-3  # [m] behind the first contact, up to which the pad touches too
     finger_length: float = 10.0e-3  # [m] behind the pad's face that must be free
-    min_start: float = 4.0e-3  # [m] of the face over the expected place
-    max_start: float = 20.0e-3  # [m]
-    n_deviations: float = 3.0  # expected errors of the place by which a start lies farther off
-    # [m] beyond the expected contact before a touch is given up: as far as the place lies from the
-    # nearest touch, within these limits, for an untouched hollow may be as deep.
+    min_start: float = 4.0e-3  # [m] of the pad's face over the expected contact
+    max_start: float = 20.0e-3  # [m] the same, at most
+    n_deviations: float = 3.0  # [expected error of the place] that is added to `min_start`
+    # [m] beyond the expected contact, before a touch is given up. Between these limits it is the
+    # distance of the place from the nearest touch: an untouched hollow may be as deep.
     min_beyond: float = 8.0e-3
     max_beyond: float = 50.0e-3
     clearance: float = 1.0e-3  # [m] of the finger from the pedestal

@@ -24,8 +24,8 @@ from palpate.core.explore.planners.protocol import (
     first_and_last,
 )
 
-# Beyond it the powers of a radius over the height, a slope, or a curvature times the height would
-# overflow; radii are at least its inverse.
+# Bound of slopes, radii per height, and curvatures times height: larger ones would overflow in
+# powers. Radii per height are at least its inverse.
 MAX_FIGURE = 1e6
 
 
@@ -33,9 +33,9 @@ MAX_FIGURE = 1e6
 class BandSettings:
     """When a height is untouched, and how bands are looked up."""
 
-    rows_per_spacing: int = 8  # heights that are looked at, for a least distance of two slices
+    rows_per_spacing: int = 8  # examined heights per smallest distance of two slices
     max_open: float = 0.1  # fraction of the azimuths that may be untouched at a touched height
-    n_heights: int = 65  # of a span, at which a band is looked up
+    n_heights: int = 65  # of a span, at which the expected band is computed
 
 
 class Span(NamedTuple):
@@ -87,13 +87,13 @@ def even_heights(
 ) -> list[float]:
     """Heights of the fewest slices that touch an untouched span, from below [m].
 
-    Where only contours count, what is touched beside them is not used: it is the middle.
+    Where only contours count, touched bands are not used, and the result is the span's middle.
     """
     if not observation.all_taxels or not observation.usable_slices:
         return [span.middle]
     heights = np.linspace(span.low, span.high, settings.n_heights)
     bands = _expected_bands(observation, heights, settings)
-    # In units of a band and a feature, a stretch as long as both is 1 everywhere.
+    # Lengths are divided by the local sum of band and feature: a slice and a gap take 1 of them.
     units = 0.5 * (bands[1:] + bands[:-1]) + observation.feature
     step = span.length / (settings.n_heights - 1) / units
     along = np.concatenate([[0.0], np.cumsum(step)])

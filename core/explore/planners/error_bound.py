@@ -64,7 +64,7 @@ class ErrorSettings:
     deviation_factor: float = 1.25  # ratio of the 95 % bound to the deviation that the solid states
     ends_factor: float = 1.5  # further factor for the ends, whose untouched edges vary most
     edge_error: float = 1.0e-4  # [height] of edges, which no stated deviation contains
-    # Where the tolerance is out of reach, slices stop when they would lower the error by less.
+    # Where the tolerance is out of reach, slices end if they can lower less of the error than this.
     min_noise_gain: float = 0.5  # [noise of the slices]
     min_tolerance_gain: float = 0.2  # [tolerance]
     max_cuts: int = 64  # slices that are planned ahead

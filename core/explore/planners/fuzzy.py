@@ -26,7 +26,7 @@ class FuzzySettings:
     # Where "small", "medium" and "large" are wholly true of the mean curvature times the height.
     curvatures: tuple[float, float, float] = (1.0, 4.0, 10.0)
     changes: tuple[float, float, float] = (0.5, 2.0, 6.0)  # the same of its change
-    # [height of the object]
+    # [height of the object] steps of the rules
     wide: float = 0.25
     fair: float = 0.16
     short: float = 0.1

@@ -41,10 +41,10 @@ class SliceSettings:
     tolerance is small.
     """
 
-    min_spacing: float = 0.03  # [height] nearer slices show hardly more than one
+    min_spacing: float = 0.03  # [height] of two slices; nearer ones show hardly more than one
     end_fraction: float = 0.03  # [height] of the first and the last slice from the ends, at most
     min_end_fraction: float = 0.02  # [height] the same, at least
-    end_tolerances: float = 20.0  # [tolerances] the same, between these limits
+    end_tolerances: float = 20.0  # [tolerances] the same distance, between these two limits
     end_deviations: float = 2.0  # [standard deviations of an end] the same, at least
 
 
@@ -155,7 +155,7 @@ class Observation:
     tolerance: float  # [m] root mean square error that is asked for
     resolution: float  # [m] smallest difference that the sensor resolves
     feature: float  # [m] largest height that may stay untouched
-    # Share of the surface that may be an untouched underside; None: that counts as flat.
+    # Share of the surface that may be an untouched underside; None: an underside counts as flat.
     underside_share: float | None = None
     budget: Budget = field(default_factory=Budget)
     slices: tuple[ObservedSlice, ...] = ()  # in the order in which they were requested
@@ -168,7 +168,7 @@ class Observation:
     pose_deviation: float = 0.0  # [m] standard deviation of a touch's place; 0 if none is seen
     bounded: bool = True  # the method of rebuilding states errors
     surface: ObservedSurface | None = None  # the solid, for single touches; None without one
-    general: bool = False  # that is a general solid, which predicts touches better than slices do
+    general: bool = False  # `surface` is a general solid, by which touches are planned, not slices
     tried: Floats = field(default_factory=lambda: np.zeros((0, 3)))  # [m] recent targets of touches
     resting: Floats | None = None  # (3,) [m] place of the finger that asks, world frame
 
@@ -195,7 +195,7 @@ class Observation:
             not_negative("deviation", self.deviation, "m")
         counts = {len(usable.radii) for usable in self.usable_slices}
         if len(counts) > 1:
-            raise ValueError(f"all slices must have as many azimuths, got {sorted(counts)}")
+            raise ValueError(f"all slices must have equally many azimuths, got {sorted(counts)}")
 
     @property
     def limits(self) -> Limits:

@@ -1,4 +1,4 @@
-"""A planner at work on an object that answers exactly, without simulated touches; such objects.
+"""A trial of a planner on objects of known form, without simulated touches; and such objects.
 
 The answer to a height is the object's own contour with normals and curvature, and the band that a
 pad touches around it. The side is rebuilt by one method for all planners. Radii are functions of
@@ -35,7 +35,7 @@ class TrialSettings:
     curvature_noise: float = 1.0  # [1/m] standard deviation where there is noise
     n_heights: int = 401  # at which a side is compared with the truth
     max_slices: int = 21  # counted for a plan that does not reach the tolerance
-    min_radius: float = 1e-3  # fraction of the height
+    min_radius: float = 1e-3  # [height] of a measured radius, at least
 
     @property
     def azimuths(self) -> Floats:
@@ -205,7 +205,7 @@ def _ball(z: Floats, power: float = 1.0) -> Floats:
 
 
 def _rise(z: Floats, at: float, width: float) -> Floats:
-    """From 0 to 1 around a height."""
+    """A smooth step from 0 to 1 around a height."""
     return np.asarray(0.5 * (1.0 + np.tanh((z - at) / width)))
 
 

@@ -41,9 +41,9 @@ class Findings:
     """What is known of a solid; None where it is not known, or does not apply to it."""
 
     error_bound: float | None = None  # 95 % bound of the root mean square error [m]
-    underside_share: float | None = None  # of the surface, on which the object stands
+    underside_share: float | None = None  # share of the surface that is an untouched underside
     crease_error: float | None = None  # [m] error bound of creases too narrow for a finger
-    crease_share: float | None = None  # of the surface, in such creases
+    crease_share: float | None = None  # share of the surface in such creases
     unknown_share: float | None = None  # of the surface, underside apart, far from every touch
     untouched_gap: float | None = None  # largest height of the side that no contour touched [m]
     unentered_hole: float | None = None  # width of the widest hole that no finger entered [m]
@@ -110,7 +110,7 @@ def _errors(findings: Findings, limits: Limits) -> Iterator[Criterion]:
     if tolerance is None:
         return
     yield Criterion("error bound", findings.error_bound, tolerance, "m")
-    # A part that alone takes the whole solid beyond the tolerance is named with what it may err by.
+    # A part that alone exceeds the tolerance of the whole is named, with the error it may have.
     error, share = findings.crease_error, findings.crease_share
     if error is not None and share and error * math.sqrt(share) > tolerance:
         yield Criterion("crease error", error, tolerance / math.sqrt(share), "m")

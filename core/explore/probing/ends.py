@@ -32,26 +32,26 @@ MIN_POINTS = 3  # of a contour
 class FaceSettings:
     """How a plane is fitted to touches of a face, and where the face is untouched."""
 
-    foot: float = 0.35  # [widths of the pad] from its deepest point that a domed pad touches
-    max_lean: float = math.radians(45.0)  # [rad] of a face's normal: an edge's leans more
-    lean_weight: float = 1e-3  # of a normal that leans more: the equations keep their rank
-    # [rad] between normals of one plane: what noise and an edge under the pad make of them.
+    foot: float = 0.35  # [widths of the pad] radius of a domed pad's touch about its deepest point
+    max_lean: float = math.radians(45.0)  # [rad] of a face's normal; beyond it, it is an edge's
+    lean_weight: float = 1e-3  # of an edge's normal in the fit; not 0, so that the rank is full
+    # [rad] of normals from that of one plane; noise and an edge under the pad turn them by less.
     max_angle: float = math.radians(3.0)
-    n_cells: int = 8  # of a grid of places, to a pad's width
-    max_cells: int = 64  # of a grid of places, across the end
+    n_cells: int = 8  # per pad's width, of the grid of places
+    max_cells: int = 64  # across the end, of the grid of places
     max_points: int = 96  # of an outline: more only cost time
-    min_level_normal: float = 0.05  # level part of a wall's normal that shows the way inwards
+    min_level_normal: float = 0.05  # smallest level part of a wall's normal in a division
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EdgeSettings:
     """Where and how often the edge of a face is touched."""
 
-    max_rise: float = 0.6  # upward part of a wall's normal: a wall that leans more has no edge
-    min_approach: float = 0.5  # of wall and face to each other, for a unit of height
-    min_untouched: float = 1.0 / 6.0  # [widths of the pad] between band and face, for a touch
-    min_touches: int = 4  # that agree, for the edge to be taken for the same all around
-    max_touches: int = 8
+    max_rise: float = 0.6  # upward part of a wall's normal; beyond it, the wall has no edge
+    min_approach: float = 0.5  # [1] smallest rate per height at which wall and face come together
+    min_untouched: float = 1.0 / 6.0  # [widths of the pad] between band and face, to touch the edge
+    min_touches: int = 4  # of the edge, which end it if they agree
+    max_touches: int = 8  # of the edge
     spacing: float = 1.0  # [widths of the pad] between touched places, at least
     tilt: float = math.radians(45.0)  # [rad] of the pad
     standoff: float = 1.0  # [widths of the pad] before the edge's place
@@ -59,7 +59,7 @@ class EdgeSettings:
 
 
 class SideContour(NamedTuple):
-    """The usable contour nearest to the end."""
+    """The usable contour that is nearest to the end."""
 
     points: Floats  # (n, 3) [m] in order
     normals: Floats  # (n, 3) outward unit normals
@@ -80,7 +80,7 @@ class StopProbing(NamedTuple):
     """No further touch of the end is worth its time."""
 
     reason: str  # in a few words
-    untouched: float  # [m] width of the largest untouched stretch of it; 0 if unknown
+    untouched: float  # [m] width of the end's largest untouched stretch; 0 if unknown
 
 
 class ProbeResult(NamedTuple):
@@ -102,15 +102,15 @@ class EndObservation:
     """All that the next touch of one end may depend on."""
 
     height: float  # [m] where the end is expected along the slicing axis
-    deviation: float  # [m] standard deviation of that
+    deviation: float  # [m] standard deviation of `height`
     other_height: float  # [m] of the object's other end
     radius: float  # [m] largest expected distance of the surface from the slicing axis
     width: float  # [m] of the pad
-    tolerance: float  # [m] by which two heights may differ and be as good as one
+    tolerance: float  # [m] by which two heights may differ and count as equal
     noise: float = 0.0  # [m] standard deviation of a touch's place
     is_standing: bool = False  # on the platform: no touch comes from beyond this end
-    contour: SideContour | None = None  # nearest to it; None while there is none
-    probes: tuple[ProbeResult, ...] = ()  # made of this end, in their order
+    contour: SideContour | None = None  # nearest to the end; None while there is none
+    probes: tuple[ProbeResult, ...] = ()  # of this end so far, in their order
 
     def __post_init__(self) -> None:
         for name in ("radius", "width", "tolerance"):
@@ -188,7 +188,7 @@ class EndFace(NamedTuple):
 def fit_face(
     touches: Sequence[ProbeResult], width: float, settings: FaceSettings = FaceSettings()
 ) -> EndFace:
-    """The plane through touched points that leans as their normals do; `width` of the pad [m]."""
+    """The plane that fits touched points and their normals; `width`: of the pad [m]."""
     points = np.stack([touch.point for touch in touches])
     slopes, is_face = _slopes(touches, settings.max_lean)
     middle = points.mean(axis=0)
@@ -199,15 +199,15 @@ def fit_face(
             np.tile(foot * np.eye(3)[1:], (len(slopes), 1)),
         ]
     )
-    of_normals = np.repeat(np.where(is_face, 1.0, settings.lean_weight), 2)
-    weights = np.concatenate([np.ones(len(points)), of_normals])
+    normal_weights = np.repeat(np.where(is_face, 1.0, settings.lean_weight), 2)
+    weights = np.concatenate([np.ones(len(points)), normal_weights])
     heights = np.concatenate([points[:, 2] - middle[2], foot * slopes.ravel()])
     fit = np.linalg.lstsq(weights[:, None] * rows, weights * heights, rcond=None)[0]
     return EndFace(float(middle[2] + fit[0] - middle[:2] @ fit[1:]), fit[1:])
 
 
 def _slopes(touches: Sequence[ProbeResult], max_lean: float) -> tuple[Floats, Bools]:
-    """Slopes (n, 2) of the face by the normals, and which are a face's (n,); of others 0."""
+    """Slopes (n, 2) from the normals, 0 where these are an edge's; mask (n,) of the others."""
     normals = np.stack([touch.normal for touch in touches])
     is_face: Bools = normals[:, 2] >= math.cos(max_lean)
     upward = np.where(is_face, normals[:, 2], 1.0)
@@ -249,15 +249,15 @@ def expected_edge(
 ) -> FaceEdge:
     """Where the wall, continued with its lean, meets the face.
 
-    `touched` (k, 3): where the face was touched [m]. `foot`: how far around a touched point the pad
-    touches [m]: an edge so near is known. `top`: where the object ends [m], for a plane fitted to
-    touches of something else may rise beyond.
+    `touched` (k, 3): where the face was touched [m]. `foot`: radius of a touch [m]; an edge nearer
+    to a touched point is known. `top`: upper end of the object [m]; a plane fitted to touches of
+    something else may rise above it.
     """
     level = np.linalg.norm(contour.normals[:, :2], axis=1)
     steep = contour.normals[:, 2] < settings.max_rise
     outward = contour.normals[:, :2] / np.where(steep, level, 1.0)[:, None]
     lean = np.where(steep, contour.normals[:, 2] / np.where(steep, level, 1.0), 0.0)
-    # Along the wall, a height h lies lean * h inwards; the face there is as high as h.
+    # The wall at height h above the contour lies lean * h inwards; it ends where the face is at h.
     rise = np.minimum(face.at(contour.points[:, :2]), top) - contour.points[:, 2]
     height = rise / np.maximum(1.0 + lean * (outward @ face.slopes), settings.min_approach)
     places = contour.points[:, :2] - (lean * height)[:, None] * outward
@@ -303,7 +303,7 @@ def _across(edge: FaceEdge, number: int, width: float, settings: EdgeSettings) -
 
 
 def _agree(made: Sequence[ProbeResult], tolerance: float) -> bool:
-    """Whether all touches met the edge as far from where it was expected, to a tolerance [m]."""
+    """Whether all touches met the edge at equal offsets from its targets, to a tolerance [m]."""
     if not all(touch.touched for touch in made):
         return False
     offsets = [

@@ -28,20 +28,20 @@ class ApproachSettings:
     """From where an end is touched, and where it is looked for."""
 
     clearance: float = 5e-3  # [m] of a touch's start over the highest known point
-    max_deviations: float = 3.0  # by which an end may be higher than expected
+    max_deviations: float = 3.0  # [standard deviations] by which an end may lie above `height`
     max_depth: float = (
-        0.5  # [height of the object] of a face below the end: nothing deeper closes it
+        0.5  # [height of the object] below the end, down to which a face can close it
     )
-    max_retreats: int = 4  # by a pad's width, of a touch that began inside the object
-    max_rings: int = 3  # of places around the axis at which an object is looked for
+    max_retreats: int = 4  # of a touch that began inside the object, each by a pad's width
+    max_rings: int = 3  # of places around the axis where the end is looked for
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ClimbSettings:
     """How the highest point is looked for uphill."""
 
-    # [rad] lean of the surface under a pad that has a pole beneath it; touches of a ridge that
-    # continues beyond the pad lean little more.
+    # [rad] of the normal at the highest touch, below which the pole is under the pad. Touches of a
+    # ridge that continues beyond the pad lean only a little more.
     max_summit_lean: float = math.radians(3.0)
     min_distance: float = 0.25  # [widths of the pad] from a touched place to the next one
     max_touches: int = 8
@@ -51,17 +51,17 @@ class ClimbSettings:
 class CoverSettings:
     """When a face is touched enough, and how it is touched."""
 
-    max_touches: int = 14
-    n_plane: int = 5  # touches all over a face that are enough if they lie in one plane
-    # [tolerance] that a plane may add to the error of the whole surface: the mean of its touches
-    # errs as their poses do.
+    max_touches: int = 14  # of the face
+    n_plane: int = 5  # touches spread over a face that are enough if they lie in one plane
+    # [tolerance] share of the whole surface's error that a plane may add: its height is the mean of
+    # touches, each with the error of its pose.
     max_error: float = 0.05
-    max_radius: float = 0.35  # [widths of the pad] of a disc that need not be touched
-    max_round_radius: float = 0.5  # the same, where the wall leans over a round end
-    min_round_rise: float = 0.5  # mean upward part of a wall's normals that leans over the end
-    min_lean: float = math.radians(5.0)  # [rad] of a face that is touched along its normal
+    max_radius: float = 0.35  # [widths of the pad] of the largest disc that may stay untouched
+    max_round_radius: float = 0.5  # [widths of the pad] the same, of a round end
+    min_round_rise: float = 0.5  # mean upward part of the wall's normals, above which it is round
+    min_lean: float = math.radians(5.0)  # [rad] of a face; beyond it, touches are along its normal
     max_lean: float = math.radians(45.0)  # [rad] of the pad
-    n_deviations: float = 3.0  # by which heights of touches of one face may differ
+    n_deviations: float = 3.0  # [`noise`] by which heights of one face may differ beyond tolerance
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -126,7 +126,7 @@ def _height_over_platform(observation: ends.EndObservation) -> float:
 def _farther_off(
     observation: ends.EndObservation, settings: ApproachSettings
 ) -> ends.ProbeCommand | None:
-    """The last touch from farther off, if it began inside the object."""
+    """The last touch repeated from farther off, if it began inside the object."""
     n_inside = 0
     for probe in reversed(observation.probes):
         if probe.outcome != "inside":
@@ -255,7 +255,7 @@ def _next_face(
 
 
 def _place(probe: ends.ProbeResult) -> Floats:
-    """Where a touch of the face was (2,) [m]; in the pad's path if it met nothing."""
+    """Where a touch met the face (2,) [m]; on the pad's path if it met nothing."""
     return probe.point[:2] if probe.touched else probe.command.pose.position[:2]
 
 
@@ -295,7 +295,7 @@ def probe_along_axis(
 def _touches_for_mean(
     observation: ends.EndObservation, outline: Floats, settings: CoverSettings
 ) -> float:
-    """Touches for the height of a plane: the more, the larger its share of the surface."""
+    """Touches needed for the mean height of a plane: in proportion to its share of the area."""
     area = abs(signed_area(outline))
     perimeter = float(np.linalg.norm(outline - np.roll(outline, 1, axis=0), axis=1).sum())
     surface = 2.0 * area + perimeter * (observation.height - observation.other_height)

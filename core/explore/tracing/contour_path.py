@@ -113,7 +113,7 @@ class Posture(NamedTuple):
     # fifth more touches, and a band is lower by as much.
     depth: float = 1.5e-3
     is_kept: bool = False  # for the rest of the contour, once a search has found it
-    failed_searches: int = 0  # in a row
+    failed_searches: int = 0  # on this contour
     half_contact: float = math.inf  # [m] half the length of the arc that a search touched first
 
 

@@ -67,7 +67,7 @@ class PostureSettings:
     lean: float = 0.45  # [rad] smaller tilt that is tried together with a shift
     large_lean: float = 0.9  # [rad] larger tilt that is tried together with a shift
     min_tilt: float = 0.3  # [rad] of the walk's last touch, above which it is tried with a shift
-    max_failed_searches: int = 2  # in a row; after more, leaning postures are not tried
+    max_failed_searches: int = 2  # on one contour; after more, leaning postures are not tried
     standoff: float = 8.0 / 15.0  # [widths of the pad] before the place
     reach: float = 14.0 / 15.0  # [widths of the pad] past the place
     first_standoff: float = 14.0 / 15.0  # [widths of the pad] the same, before a contour has begun
