@@ -86,8 +86,8 @@ class GeneralisedCylinder(ImplicitShape):
         bent = max(float(bend.max()) for _, _, bend in ends)
         kinks = ends[0][1][1:] - ends[1][1][:-1]
         # Rounding causes kinks of a cubic spline.
-        room = 1e-12 * max(float(np.abs(slope).max()) for _, slope, _ in ends)
-        return self._section.traits.hollow == 0.0 and bent <= 0.0 and bool((kinks <= room).all())
+        limit = 1e-12 * max(float(np.abs(slope).max()) for _, slope, _ in ends)
+        return self._section.traits.hollow == 0.0 and bent <= 0.0 and bool((kinks <= limit).all())
 
     def enclosure(self) -> Floats:
         """An upright box around the solid: see `ImplicitShape.enclosure`."""
@@ -310,9 +310,9 @@ class SectionBounds(NamedTuple):
     """Bounds of a section."""
 
     radius: tuple[float, float]  # [m] least and largest distance of the outline from 0
-    hollow: float  # [1/m] of -(g + g''), 0 if the section is convex
-    bulge: float  # [1/m] of g + g'', possibly infinite
-    steepest: float  # [1/m] of the gauge's slope
+    hollow: float  # [1/m] largest -(g + g''), 0 if the section is convex
+    bulge: float  # [1/m] largest g + g'', possibly infinite
+    steepest: float  # [1/m] largest slope of the gauge
 
 
 class Section(Protocol):

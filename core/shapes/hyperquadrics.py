@@ -1,9 +1,9 @@
 """Hyperquadric: a sum of powers of linear forms, at most 1, optionally with dents; cast exactly.
 
 Each term bounds the solid to a strip between two planes, so that a ray is searched only where it
-lies in all strips, and there no power overflows. With g >= 1 a power
-|h|^g is convex along a ray: its tangent lies below it, and its chord above. With g < 1 it is two
-concave branches that meet in a cusp at h = 0.
+lies in all strips, and there no power overflows. With g >= 1 a power |h|^g is convex along a ray:
+its tangent lies below it, and its chord above. With g < 1 it is two concave branches that meet in a
+cusp at h = 0.
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ class Hyperquadric(ImplicitShape):
         return self._box
 
     def inside_out(self, points: Floats, directions: Floats) -> tuple[Floats, Floats]:
-        """H less 1, and its slope: see `ImplicitShape.inside_out`. In a crease a term has 0."""
+        """H less 1, and its slope: see `ImplicitShape.inside_out`. A cusp's slope is 0."""
         return self._beam(points, directions).level()
 
     def cast(self, origins: Floats, direction: Floats, reach: float) -> Floats:

@@ -41,7 +41,7 @@ class MendSettings:
     max_cut_faces: int = 20_000  # of a piece for which planes are tried; more take many seconds
 
 
-NO_SOLID = "bounds no solid: its faces enclose nothing, or meet as those of no solid do"
+NO_SOLID = "bounds no solid: its faces enclose nothing, or cannot form one closed surface"
 
 
 class MeshFault(ValueError):

@@ -158,7 +158,7 @@ def invert_monotone(
     if np.isnan(values).any():
         raise ValueError(f"values must be numbers, got {np.count_nonzero(np.isnan(values))} nan")
     if not (np.diff(coefficients) > 0.0).all():
-        raise ValueError("coefficients must rise")
+        raise ValueError("coefficients must increase")
     breaks = basis.breaks()
     taylor = _taylor(basis, coefficients, breaks)
     heights = taylor[0]

@@ -92,9 +92,9 @@ def classify_surface(
     wins = min(two.deviation, three.deviation) < settings.max_edge_ratio * fit.deviation
     if not (sharp or wins or unexplained):
         return "smooth"
-    left = min(two.deviation, curved_faces_deviation(pad, height, touched, two))
+    of_two = min(two.deviation, curved_faces_deviation(pad, height, touched, two))
     for more in (three, fit_faces(pad, height, touched, cells, 4)):
-        if more is not None and more.deviation < settings.max_corner_ratio * left:
+        if more is not None and more.deviation < settings.max_corner_ratio * of_two:
             return "corner" if _off_line(more) > settings.min_corner_slope else "edge"
     return "edge"
 

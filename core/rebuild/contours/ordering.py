@@ -98,12 +98,12 @@ def _reverse_best(points: Floats, tour: Ints, first: int, least: float) -> bool:
 
 def _nearest_neighbour_tour(points: Floats) -> Ints:
     """From each point to the nearest remaining one, beginning at the largest x."""
-    left = np.ones(len(points), bool)
+    is_left = np.ones(len(points), bool)
     tour = np.empty(len(points), np.int32)
     here = int(np.argmax(points[:, 0]))
     for step in range(len(points)):
-        tour[step], left[here] = here, False
-        away = np.where(left, np.linalg.norm(points - points[here], axis=1), np.inf)
+        tour[step], is_left[here] = here, False
+        away = np.where(is_left, np.linalg.norm(points - points[here], axis=1), np.inf)
         here = int(np.argmin(away))
     return tour
 

@@ -422,7 +422,7 @@ def _scores(slices: Slices, places: Floats, settings: MatchSettings) -> Floats:
 
 
 def slice_distance(curves: Floats, points: Floats) -> Floats:
-    """Distances (c, M, k) [m] of points (c, M, k, 2) from the tangents of curves (M, n, 2)."""
+    """Distances (c, M, k) [m] of points (c, M, k, 2) from curves (M, n, 2), by their tangents."""
     middles = curves.mean(axis=1)  # so that the width below does not grow with the object's lean
     curves = curves - middles[:, None]
     points = points - middles[:, None]
