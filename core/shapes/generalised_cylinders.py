@@ -345,10 +345,10 @@ class SplineSection:
                 f"radii must be positive, {MIN_LENGTH:g} m or more, got {radii.tolist()} m"
             )
         self._rho = periodic_spline(np.linspace(0.0, 2 * math.pi, len(radii) + 1), radii)
-        least = self._rho.value_range()[0]
-        if not least > 0.0:
+        inner = self._rho.value_range()[0]
+        if not inner > 0.0:
             raise ValueError(
-                f"radii change so much that the curve through them reaches the axis: {least:.4g} m "
+                f"radii change so much that the curve through them reaches the axis: {inner:.4g} m "
                 f"is its least radius; give more of them, or more even ones than {radii.tolist()} m"
             )
         self.traits = _spline_traits(self._rho)
@@ -443,11 +443,11 @@ class SuperellipseSection:
             )
         self._size, self._power = size, 2.0 / exponent
         diagonal, rounded = float(np.hypot(*size)), exponent <= 1.0
-        least = float(size.min()) if rounded else float(size.prod()) / diagonal
-        most = diagonal if rounded else float(size.max())
+        inner = float(size.min()) if rounded else float(size.prod()) / diagonal
+        outer = diagonal if rounded else float(size.max())
         # A norm of power p >= 2 bends by (p - 1) |v|^2 / |x| at most: see Superquadric.smoothness.
-        bulge = (self._power - 1.0) * most / least**2 if rounded else math.inf
-        self.traits = SectionBounds((least, most), 0.0, bulge, 1.0 / least)
+        bulge = (self._power - 1.0) * outer / inner**2 if rounded else math.inf
+        self.traits = SectionBounds((inner, outer), 0.0, bulge, 1.0 / inner)
 
     def gauge_along(self, x: Floats, y: Floats, dx: Floats, dy: Floats) -> tuple[Floats, Floats]:
         """See `Section.gauge_along`."""

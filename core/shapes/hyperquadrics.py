@@ -137,8 +137,8 @@ class Hyperquadric(ImplicitShape):
         return RayBundle(*forms(self._planes), self._exponents[:, None], kept)
 
     def _through_strips(self, beam: RayBundle) -> tuple[Floats, Floats]:
-        least = ray_casting.MIN_DIRECTION
-        rate = np.where(np.abs(beam.rate) < least, least, beam.rate)
+        min_rate = ray_casting.MIN_DIRECTION
+        rate = np.where(np.abs(beam.rate) < min_rate, min_rate, beam.rate)
         middle = -beam.h / rate
         half = (1.0 + ray_casting.BOX_MARGIN) * self._half[:, None] / np.abs(rate)
         return np.maximum((middle - half).max(axis=0), 0.0), (middle + half).min(axis=0)

@@ -166,14 +166,14 @@ def invert_monotone(
     width = np.diff(breaks)[span]
     pieces = taylor[:, span] * width ** np.arange(len(taylor))[:, None]
     rise = heights[span + 1] - heights[span]
-    least = 4 * EPSILON * float(heights[-1] - heights[0])
+    tolerance = 4 * EPSILON * float(heights[-1] - heights[0])
     place = np.clip((values - heights[span]) / rise, 0.0, 1.0)
     low, high = np.zeros(len(values)), np.ones(len(values))
     steps = np.zeros(len(values), np.int32)
     for _ in range(max_steps):
         value, slope = _horner(pieces, place)
         error = value - values
-        active = np.abs(error) > least
+        active = np.abs(error) > tolerance
         low, high = np.where(error < 0.0, place, low), np.where(error > 0.0, place, high)
         active &= high > low
         if not active.any():

@@ -183,13 +183,13 @@ def _plane(x: Floats, y: Floats, z: Floats, min_spread: float) -> Floats | None:
     mean_x, mean_y, mean_z = float(x.mean()), float(y.mean()), float(z.mean())
     x, y, z = x - mean_x, y - mean_y, z - mean_z
     size = math.sqrt(float(x @ x))
-    least = min_spread * math.sqrt(len(x))
-    if size < least:
+    min_size = min_spread * math.sqrt(len(x))
+    if size < min_size:
         return None
     across = float(x @ y) / size
     y = y - x * (across / size)
     rest = math.sqrt(float(y @ y))
-    if rest < least:
+    if rest < min_size:
         return None
     slope_y = float(y @ z) / rest / rest
     slope_x = (float(x @ z) / size - across * slope_y) / size

@@ -109,12 +109,12 @@ def pressed_fault(
     one. Heights that differ may be over any other plane, and are not checked.
     """
     compression = -(height + pad.sag())[touched]
-    most, rounding = float(compression.max()), settings.rounding
-    if most - float(compression.min()) > rounding * abs(most):
+    largest, rounding = float(compression.max()), settings.rounding
+    if largest - float(compression.min()) > rounding * abs(largest):
         return "none"
-    if most >= pad.thickness * (1.0 - rounding):
+    if largest >= pad.thickness * (1.0 - rounding):
         return "impossible"
-    return "saturated" if most >= pad.saturation * pad.thickness * (1.0 - rounding) else "none"
+    return "saturated" if largest >= pad.saturation * pad.thickness * (1.0 - rounding) else "none"
 
 
 def is_repeated(

@@ -238,10 +238,10 @@ class TaxelFit:
         self._solve(at, pressed, self._shared_columns(touch, taxel, pressed), left)
         self._drop_outliers()
         squares = self.shared[2:] ** 2 + self.shared_variance[2:]
-        least = self.settings.min_spread
-        self.spread = np.maximum(np.sqrt(squares.reshape(-1, 3).mean(axis=0)), least)
+        min_spread = self.settings.min_spread
+        self.spread = np.maximum(np.sqrt(squares.reshape(-1, 3).mean(axis=0)), min_spread)
         learnt = np.sqrt((self.own**2 + self.own_variance).mean(axis=1))
-        self.own_spread = np.maximum(learnt, least)
+        self.own_spread = np.maximum(learnt, min_spread)
 
     def _shared_columns(
         self, touch: TaxelIndices, taxel: TaxelIndices, pressed: Floats

@@ -417,8 +417,8 @@ def _scores(slices: Slices, places: Floats, settings: MatchSettings) -> Floats:
     inner = slice(margin, -margin)
     predicted = np.einsum("im,cmkd->cikd", neighbour_weights(slices.heights)[inner], grids)
     distance = slice_distance(slices.fine[inner], predicted).mean(axis=2)
-    least = settings.min_distance * slices.perimeter[inner]
-    return np.asarray(np.exp(np.log(np.maximum(distance, least)).mean(axis=1)))
+    min_distance = settings.min_distance * slices.perimeter[inner]
+    return np.asarray(np.exp(np.log(np.maximum(distance, min_distance)).mean(axis=1)))
 
 
 def slice_distance(curves: Floats, points: Floats) -> Floats:
