@@ -35,8 +35,8 @@ class BooleanSettings:
 
     check_level: int = 3  # of the mesh whose volume is tested
     min_volume: float = 1e-9  # fraction of the box; smaller is rounding
-    # Number of solids from which each is meshed one level coarser, and two from four times as many:
-    # together they have no more facets than a few.
+    # From so many solids on each is meshed one level coarser, from four times as many two levels:
+    # the number of all facets hardly grows.
     many_solids: int = 8
 
 

@@ -30,8 +30,8 @@ class InversionSettings:
     """Iteration of the point inversion by least squares."""
 
     max_steps: int = 40  # from one start
-    n_samples: int = 13  # along each axis, for new starts where the first failed
-    n_starts: int = 6  # nearest samples that are tried
+    n_samples: int = 13  # along each axis, of the grid of new starts where the first failed
+    n_starts: int = 6  # samples nearest to the point, from which it starts anew
     min_residual: float = 1e-12  # fraction of the volume's size; smaller ones end the iteration
     max_residual: float = 1e-9  # fraction of the volume's size, of a solution
 

@@ -49,7 +49,7 @@ class PatchSettings:
     doubtful_misfit: float = 0.04  # [pitches]
     doubtful_sigmas: float = 4.0  # of a taxel's noise
     max_isolated_share: float = 0.5  # fraction of the touched taxels that touch without neighbours
-    # Half the difference of k1 and k2, from which they have directions.
+    # k1 and k2 have directions if half their difference exceeds both.
     min_difference_sigmas: float = 3.0  # of its standard deviation
     curvature_rounding: float = 1e-9  # [1 / pad widths]
 

@@ -48,7 +48,7 @@ class FaceFitSettings:
     """Fit of planes to the touched taxels."""
 
     max_rounds: int = 8  # of assigning taxels to planes and fitting the planes
-    min_spread: float = 0.3  # [pitches] of taxels across a line, for a plane through them
+    min_spread: float = 0.3  # [pitches] root mean square width of taxels that determine a plane
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -24,10 +24,10 @@ class EdgeSlopeSettings:
     """Choice between normals of a plane beside an edge and of the smooth surface."""
 
     square_side: int = 3  # [taxels] of the squares to which planes are fitted
-    edge_ratio: float = 3.0  # misfit of the smooth surface over the plane's, above which it is edge
+    edge_ratio: float = 3.0  # of the smooth surface's misfit to the plane's; above it is an edge
     min_misfit: float = 0.02  # fraction of the pitch by which the misfit must be larger besides
     # A taxel is left out if plane and smooth surface miss it by more than this many times the
-    # misfit of most planes.
+    # median misfit of the planes.
     max_misfit_ratio: float = 6.0
 
 
