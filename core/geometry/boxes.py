@@ -36,8 +36,8 @@ def overlapping_pairs(
 
     `low` and `high` (n, k): the smallest and largest coordinates of each box. Consecutive boxes
     should be close to each other, as along a polygon or in `morton_order`: they are joined to ever
-    larger boxes, and only where two of those overlap are their halves tested. `max_root_boxes`: all
-    pairs of so many are tested. `block`: pairs tested together, so that they fit the cache.
+    larger boxes, and only where two of those overlap are their halves tested. `max_root_boxes`:
+    joining ends there, and all pairs are tested. `block`: pairs at once, to fit the cache.
     """
     levels = _levels(low, high, max_root_boxes)
     first, second = np.triu_indices(levels[-1][0].shape[1])

@@ -116,8 +116,8 @@ def _crossings(pairs: _Pairs) -> tuple[Indices, Floats]:
     number = np.arange(len(pairs.first))
     for turn in (False, True):
         heights = _heights(pairs.swapped() if turn else pairs)
-        least = pairs.mesh.min_depth
-        separated = (heights > least).any(axis=1) & (heights < -least).any(axis=1)
+        min_depth = pairs.mesh.min_depth
+        separated = (heights > min_depth).any(axis=1) & (heights < -min_depth).any(axis=1)
         kept = np.flatnonzero(separated)
         pairs, number = pairs.take(kept), number[kept]
     line = np.cross(pairs.mesh.normals[pairs.first], pairs.mesh.normals[pairs.second])

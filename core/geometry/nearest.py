@@ -86,13 +86,13 @@ def cut_long_triangles(
 ) -> tuple[Floats, Indices]:
     """Triangles (p, 3, 3), halved until they are short or too many, and the face of each (p,)."""
     pieces, faces = corners, np.arange(len(corners))
-    most = 2 * len(corners) + settings.max_extra_pieces
+    max_pieces = 2 * len(corners) + settings.max_extra_pieces
     area = float(areas_and_normals(corners)[0].sum())
     length = np.sqrt(_squared_edges(pieces).max(axis=1))
     limit = float(length.max())
     while limit > settings.max_length * math.sqrt(area / len(pieces)):
         long = length > limit
-        if len(pieces) + np.count_nonzero(long) > most:
+        if len(pieces) + np.count_nonzero(long) > max_pieces:
             break
         if long.any():
             halves = _halves(pieces[long])

@@ -29,9 +29,9 @@ class RestingSolid:
     """The convex hull of a solid, and its centre of mass."""
 
     def __init__(self, vertices: Floats, faces: Ints, rounding: float = 1e-9):
-        """Of a closed mesh, (n, 3) [m] and (m, 3), of uniform density; ValueError if it is flat.
+        """From a closed mesh, (n, 3) [m] and (m, 3), of uniform density; ValueError if it is flat.
 
-        `rounding`: of barycentric coordinates on a facet's edge.
+        `rounding`: least barycentric coordinate, below 0, that counts as on the facet's edge.
         """
         self._min_inside = -rounding
         points = finite_array("vertices", vertices, (None, 3))

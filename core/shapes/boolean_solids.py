@@ -35,8 +35,8 @@ class BooleanSettings:
 
     check_level: int = 3  # of the mesh whose volume is tested
     min_volume: float = 1e-9  # fraction of the box; smaller is rounding
-    # Number of solids from which each is meshed one level coarser, and two from four times as many:
-    # together they have no more facets than a few.
+    # From so many solids on each is meshed one level coarser, from four times as many two levels:
+    # the number of all facets hardly grows.
     many_solids: int = 8
 
 
@@ -101,9 +101,9 @@ class BooleanShape(ImplicitShape):
         return volume <= self._settings.min_volume * whole
 
     def _sections(self, origins: Floats, direction: Floats) -> tuple[Floats, Bools]:
-        """Places at which rays pass a leaf's surface, (n, e) in order.
+        """Places (n, e) at which rays pass the leaves' surfaces, in order along each ray.
 
-        And whether the ray is inside from each to the next place.
+        Also (n, e): whether the ray is inside the result from each place to the next.
         """
         spans = [leaf.spans(origins, direction) for leaf in self._leaves]
         places = np.concatenate([span.reshape(len(origins), -1) for span in spans], axis=1)
@@ -288,7 +288,7 @@ def _combined(tree: Tree, middle: Floats, size: float, level: int) -> Any:
 
 
 def tree_function(tree: Tree, points: Floats, directions: Floats) -> tuple[Floats, Floats]:
-    """The R-function of the leaves, negative inside, and its slope: unions are conjunctions."""
+    """The R-function of the leaves, and its slope. Negative inside, unions are conjunctions."""
     if isinstance(tree, Complement):
         value, slope = tree_function(tree.part, points, directions)
         return -value, -slope

@@ -41,10 +41,10 @@ class DeformedSuperquadric(ImplicitShape):
     def __init__(self, base: Superquadric, taper: Floats, bend: Bend = NO_BEND):
         self._base, self._bend = base, bend
         self._taper = Taper(float(taper[0]), float(taper[1]), float(base.size[2]))
-        most = largest_curvature(base, taper, bend.direction)
-        if not abs(bend.curvature) <= most:
+        limit = largest_curvature(base, taper, bend.direction)
+        if not abs(bend.curvature) <= limit:
             raise ValueError(
-                f"bend must lie between {-most:.4g} and {most:.4g} 1/m, or this solid folds, "
+                f"bend must lie between {-limit:.4g} and {limit:.4g} 1/m, or this solid folds, "
                 f"got {bend.curvature:g}"
             )
         self._half = _half_box(base, taper, bend.direction)

@@ -86,8 +86,8 @@ class GeneralisedCylinder(ImplicitShape):
         bent = max(float(bend.max()) for _, _, bend in ends)
         kinks = ends[0][1][1:] - ends[1][1][:-1]
         # Rounding causes kinks of a cubic spline.
-        room = 1e-12 * max(float(np.abs(slope).max()) for _, slope, _ in ends)
-        return self._section.traits.hollow == 0.0 and bent <= 0.0 and bool((kinks <= room).all())
+        limit = 1e-12 * max(float(np.abs(slope).max()) for _, slope, _ in ends)
+        return self._section.traits.hollow == 0.0 and bent <= 0.0 and bool((kinks <= limit).all())
 
     def enclosure(self) -> Floats:
         """An upright box around the solid: see `ImplicitShape.enclosure`."""
@@ -310,9 +310,9 @@ class SectionBounds(NamedTuple):
     """Bounds of a section."""
 
     radius: tuple[float, float]  # [m] least and largest distance of the outline from 0
-    hollow: float  # [1/m] of -(g + g''), 0 if the section is convex
-    bulge: float  # [1/m] of g + g'', possibly infinite
-    steepest: float  # [1/m] of the gauge's slope
+    hollow: float  # [1/m] largest -(g + g''), 0 if the section is convex
+    bulge: float  # [1/m] largest g + g'', possibly infinite
+    steepest: float  # [1/m] largest slope of the gauge
 
 
 class Section(Protocol):
@@ -345,10 +345,10 @@ class SplineSection:
                 f"radii must be positive, {MIN_LENGTH:g} m or more, got {radii.tolist()} m"
             )
         self._rho = periodic_spline(np.linspace(0.0, 2 * math.pi, len(radii) + 1), radii)
-        least = self._rho.value_range()[0]
-        if not least > 0.0:
+        inner = self._rho.value_range()[0]
+        if not inner > 0.0:
             raise ValueError(
-                f"radii change so much that the curve through them reaches the axis: {least:.4g} m "
+                f"radii change so much that the curve through them reaches the axis: {inner:.4g} m "
                 f"is its least radius; give more of them, or more even ones than {radii.tolist()} m"
             )
         self.traits = _spline_traits(self._rho)
@@ -443,11 +443,11 @@ class SuperellipseSection:
             )
         self._size, self._power = size, 2.0 / exponent
         diagonal, rounded = float(np.hypot(*size)), exponent <= 1.0
-        least = float(size.min()) if rounded else float(size.prod()) / diagonal
-        most = diagonal if rounded else float(size.max())
+        inner = float(size.min()) if rounded else float(size.prod()) / diagonal
+        outer = diagonal if rounded else float(size.max())
         # A norm of power p >= 2 bends by (p - 1) |v|^2 / |x| at most: see Superquadric.smoothness.
-        bulge = (self._power - 1.0) * most / least**2 if rounded else math.inf
-        self.traits = SectionBounds((least, most), 0.0, bulge, 1.0 / least)
+        bulge = (self._power - 1.0) * outer / inner**2 if rounded else math.inf
+        self.traits = SectionBounds((inner, outer), 0.0, bulge, 1.0 / inner)
 
     def gauge_along(self, x: Floats, y: Floats, dx: Floats, dy: Floats) -> tuple[Floats, Floats]:
         """See `Section.gauge_along`."""

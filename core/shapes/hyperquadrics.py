@@ -1,9 +1,9 @@
 """Hyperquadric: a sum of powers of linear forms, at most 1, optionally with dents; cast exactly.
 
 Each term bounds the solid to a strip between two planes, so that a ray is searched only where it
-lies in all strips, and there no power overflows. With g >= 1 a power
-|h|^g is convex along a ray: its tangent lies below it, and its chord above. With g < 1 it is two
-concave branches that meet in a cusp at h = 0.
+lies in all strips, and there no power overflows. With g >= 1 a power |h|^g is convex along a ray:
+its tangent lies below it, and its chord above. With g < 1 it is two concave branches that meet in a
+cusp at h = 0.
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ class Hyperquadric(ImplicitShape):
         return self._box
 
     def inside_out(self, points: Floats, directions: Floats) -> tuple[Floats, Floats]:
-        """H less 1, and its slope: see `ImplicitShape.inside_out`. In a crease a term has 0."""
+        """H less 1, and its slope: see `ImplicitShape.inside_out`. A cusp's slope is 0."""
         return self._beam(points, directions).level()
 
     def cast(self, origins: Floats, direction: Floats, reach: float) -> Floats:
@@ -137,8 +137,8 @@ class Hyperquadric(ImplicitShape):
         return RayBundle(*forms(self._planes), self._exponents[:, None], kept)
 
     def _through_strips(self, beam: RayBundle) -> tuple[Floats, Floats]:
-        least = ray_casting.MIN_DIRECTION
-        rate = np.where(np.abs(beam.rate) < least, least, beam.rate)
+        min_rate = ray_casting.MIN_DIRECTION
+        rate = np.where(np.abs(beam.rate) < min_rate, min_rate, beam.rate)
         middle = -beam.h / rate
         half = (1.0 + ray_casting.BOX_MARGIN) * self._half[:, None] / np.abs(rate)
         return np.maximum((middle - half).max(axis=0), 0.0), (middle + half).min(axis=0)

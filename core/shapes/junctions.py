@@ -51,8 +51,8 @@ def _corners_on_edges(vertices: Floats, faces: Ints, tolerance: float) -> tuple[
     row = np.repeat(np.arange(len(opened)), counts)
     corner = rim[np.concatenate([np.array(indices, np.intp) for indices in near])]
     away = vertices[corner] - start[row]
-    least = np.finfo(float).tiny
-    place = np.einsum("ni,ni->n", away, along[row]) / np.maximum(length[row], least)
+    tiny = np.finfo(float).tiny
+    place = np.einsum("ni,ni->n", away, along[row]) / np.maximum(length[row], tiny)
     offset = np.linalg.norm(away - (place / length[row])[:, None] * along[row], axis=1)
     on = (offset <= tolerance) & (place > tolerance) & (place < length[row] - tolerance)
     on &= ~(faces[opened[row] // 3] == corner[:, None]).any(axis=1)

@@ -41,7 +41,7 @@ class MendSettings:
     max_cut_faces: int = 20_000  # of a piece for which planes are tried; more take many seconds
 
 
-NO_SOLID = "bounds no solid: its faces enclose nothing, or meet as those of no solid do"
+NO_SOLID = "bounds no solid: its faces enclose nothing, or cannot form one closed surface"
 
 
 class MeshFault(ValueError):
@@ -326,11 +326,11 @@ def _without_specks(
     """Pieces of a solid, without those much smaller than the largest."""
     boxes = {piece: np.reshape(piece.bounding_box(), (2, 3)) for piece in solid.decompose()}
     extents = {piece: float(np.ptp(box, axis=0).max()) for piece, box in boxes.items()}
-    least = settings.min_piece * min(size, max(extents.values()))
-    specks = [extent for extent in extents.values() if extent < least]
-    most = 1e3 * max(specks, default=0.0)
-    _report(mends, len(specks), "speck", f"of up to {most:.2g} mm left out")
-    return [piece for piece in extents if extents[piece] >= least and piece.volume() != 0.0]
+    min_extent = settings.min_piece * min(size, max(extents.values()))
+    specks = [extent for extent in extents.values() if extent < min_extent]
+    largest = 1e3 * max(specks, default=0.0)
+    _report(mends, len(specks), "speck", f"of up to {largest:.2g} mm left out")
+    return [piece for piece in extents if extents[piece] >= min_extent and piece.volume() != 0.0]
 
 
 def _turned(solid: Manifold) -> Manifold:
@@ -349,17 +349,17 @@ def _separated(crossings: Crossings, settings: MendSettings, n_cuts: int) -> lis
     assert solid is not None  # crossings are those of a solid
     low, high = crossings.vertices.min(axis=0), crossings.vertices.max(axis=0)
     margin = settings.stitch_distance * float((high - low).max())
-    best, least = [crossings], len(crossings.through)
+    best, fewest = [crossings], len(crossings.through)
     can_cut = n_cuts and len(crossings.faces) <= settings.max_cut_faces
     tried = settings.n_planes if can_cut else 0
     for axis, normal in enumerate(np.eye(3)):
         for level in np.linspace(low[axis], high[axis], tried + 2)[1:-1]:
-            if not least or np.abs(crossings.places[:, axis] - level).min() < margin:
+            if not fewest or np.abs(crossings.places[:, axis] - level).min() < margin:
                 continue
             halves = solid.split_by_plane(tuple(normal), float(level))
             parts = [_crossings(part) for half in halves for part in half.decompose()]
             left = sum(len(part.through) for part in parts)
-            best, least = (parts, left) if left < least else (best, least)
+            best, fewest = (parts, left) if left < fewest else (best, fewest)
     if len(best) == 1:
         return [solid]
     return [piece for part in best for piece in _separated(part, settings, n_cuts - 1)]

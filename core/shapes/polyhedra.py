@@ -33,8 +33,8 @@ class PolyhedronSettings:
     """Tolerances of a polyhedron, as fractions of its extent."""
 
     max_plane_distance: float = 1e-4  # of a corner from its face's plane: rounded input
-    min_edge: float = 1e-6
-    min_volume: float = 1e-9  # fraction of a cube as large as its extent
+    min_edge: float = 1e-6  # shorter edges have no length
+    min_volume: float = 1e-9  # of a cube as large as its extent; smaller ones enclose nothing
     max_exact_triangles: int = 500  # cast in double precision; more are cast by Embree
 
 

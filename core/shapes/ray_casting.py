@@ -88,7 +88,7 @@ def marched_spans(
     negative; before `starts` and after `ends` (n,) a ray is outside.
     """
     spans: list[Floats] = []
-    least = settings.min_span * tolerance
+    min_length = settings.min_span * tolerance
     rows = np.flatnonzero(starts <= ends)
     places = starts[rows]
     for _ in range(settings.max_spans):
@@ -99,7 +99,7 @@ def marched_spans(
         )
         met = begin < MISS
         rows, begin = rows[met], begin[met]
-        inner = np.minimum(begin + least, ends[rows])
+        inner = np.minimum(begin + min_length, ends[rows])
         end = guaranteed_first_roots(
             _of_rays(leaving, rows), inner, ends[rows], tolerance, settings
         )
@@ -109,7 +109,7 @@ def marched_spans(
         span[rows[thick], 0] = np.where(begin == 0.0, INSIDE, begin)[thick]
         span[rows[thick], 1] = end[thick]
         spans.append(span)
-        places = np.maximum(end, inner) + least
+        places = np.maximum(end, inner) + min_length
         active = places < ends[rows]
         rows, places = rows[active], places[active]
     if not spans:
@@ -245,10 +245,10 @@ def _next_step(
     floor: Minorant, root: Floats, requested: Floats, tolerance: float, settings: MarchSettings
 ) -> tuple[Floats, Floats, Bools]:
     """Step, length of the next interval, and whether the place is a root."""
-    length, least = floor.length, settings.root_length * tolerance
+    length, min_length = floor.length, settings.root_length * tolerance
     free = root > length
     close = ~free & (root <= tolerance)
-    short = length <= least
+    short = length <= min_length
     dropped = floor.drop > 0.0
     there = floor.value <= 0.0
     arrived = there | (close & short & ~dropped)
@@ -259,7 +259,7 @@ def _next_step(
     # A bound may hold over less than the requested length, which is then kept.
     grown = np.where(length < requested, requested, settings.growth * requested)
     after = np.where(free, grown, 2.0 * step)
-    shorter = np.where(dropped, np.maximum(settings.shrinkage * length, least), least)
+    shorter = np.where(dropped, np.maximum(settings.shrinkage * length, min_length), min_length)
     after = np.where(blind, np.where(short, settings.growth * length, shorter), after)
     return step, after, arrived
 

@@ -32,7 +32,7 @@ Longs = NDArray[np.int64]
 class LayerSettings:
     """Rays that continue behind back faces."""
 
-    max_layers: int = 64  # of back faces before a front face
+    max_layers: int = 64  # back faces that a ray may pass; beyond them it misses
     # Fraction of the extent at which a ray restarts behind a back face; ten single roundings.
     restart_offset: float = 1e-6
 

@@ -38,7 +38,7 @@ class WrapSettings:
     margin: int = 10  # voxels around the mesh, in which the function may fall off
     n_directions: int = 32  # of the rays, evenly around
     smoothing: float = 1.0  # [voxels] of the hits' normals
-    max_projection: float = 1.5  # [voxels] of vertices onto the triangles
+    max_projection: float = 1.5  # [voxels] vertices farther from all triangles are not moved
     near_hit: float = 2.5  # [voxels] surface farther than this from all hits closes a hole
     min_part: float = 0.02  # of the largest part's volume; smaller parts are not counted
     max_closed_share: float = 0.25  # of the surface, that may close holes; more is refused
@@ -55,7 +55,7 @@ class WrappedMesh(NamedTuple):
     resolution: float  # [m] edge of a voxel; thinner parts may be lost
     offset: float  # [m] root mean square distance of the hits from the surface
     closed_share: float  # of the surface, that closes holes or was not seen
-    n_left_out: int  # parts that do not touch the largest
+    n_left_out: int  # other parts, without those smaller than `WrapSettings.min_part`
 
 
 def wrap_mesh(
@@ -92,8 +92,8 @@ def wrap_mesh(
         moved, outer = simple
     else:
         moved = without_crossings(surface, moved, outer, settings.max_retreats)
-    some = places[:: max(1, len(places) // settings.n_offsets)]
-    offsets = nearest_points(nearest_search(moved[outer]), some).distances
+    thinned = places[:: max(1, len(places) // settings.n_offsets)]
+    offsets = nearest_points(nearest_search(moved[outer]), thinned).distances
     offset = float(np.sqrt(np.mean(offsets**2)))
     return WrappedMesh(moved, outer, step, offset, closed, n_left_out)
 
@@ -198,7 +198,7 @@ def _indicator(grid: _Grid, places: Floats, normals: Floats, smoothing: float) -
 
 
 def _largest_part(values: Floats, min_part: float) -> tuple[Floats, int]:
-    """The function with only the largest part, without hollows; and the number of other parts."""
+    """The function with the largest part alone, without hollows; number of other large parts."""
     border = np.ones(values.shape, np.bool_)
     border[1:-1, 1:-1, 1:-1] = False
     inside = scipy.ndimage.binary_fill_holes((values < 0.0) & ~border)
@@ -229,13 +229,13 @@ def _simplified(vertices: Floats, faces: Ints, tolerance: float) -> tuple[Floats
 
 def without_crossings(places: Floats, moved: Floats, faces: Ints, max_rounds: int) -> Floats:
     """Moved vertices (n, 3), reset to their old places where faces (m, 3) would cross."""
-    some = faces
+    tested = faces
     for _ in range(max_rounds):
-        crossed = np.unique(some[self_intersection(moved, some).faces])
+        crossed = np.unique(tested[self_intersection(moved, tested).faces])
         if not len(crossed):
             return moved
         moved[crossed] = places[crossed]
-        some = faces[_may_cross(moved, faces, crossed)]
+        tested = faces[_may_cross(moved, faces, crossed)]
     return places
 
 

@@ -50,8 +50,8 @@ def hermite_patch(
     ValueError as `coons_patch`, or if slopes are not as many as their curve's points.
     """
     rows, columns = _checked(low, high, left, right)
-    across_rows = [finite_array("slopes", one, (len(rows[0]), 3)) for one in slopes[:2]]
-    across_columns = [finite_array("slopes", one, (len(columns[0]), 3)) for one in slopes[2:4]]
+    across_rows = [finite_array("slopes", slope, (len(rows[0]), 3)) for slope in slopes[:2]]
+    across_columns = [finite_array("slopes", slope, (len(columns[0]), 3)) for slope in slopes[2:4]]
     rows, columns = np.stack([*rows, *across_rows]), np.stack([*columns, *across_columns])
     v, u = np.linspace(0.0, 1.0, columns.shape[1]), np.linspace(0.0, 1.0, rows.shape[1])
     values = rows[:, [0, -1]]

@@ -30,8 +30,8 @@ class InversionSettings:
     """Iteration of the point inversion by least squares."""
 
     max_steps: int = 40  # from one start
-    n_samples: int = 13  # along each axis, for new starts where the first failed
-    n_starts: int = 6  # nearest samples that are tried
+    n_samples: int = 13  # along each axis, of the grid of new starts where the first failed
+    n_starts: int = 6  # samples nearest to the point, from which it starts anew
     min_residual: float = 1e-12  # fraction of the volume's size; smaller ones end the iteration
     max_residual: float = 1e-9  # fraction of the volume's size, of a solution
 
@@ -158,7 +158,7 @@ def invert_monotone(
     if np.isnan(values).any():
         raise ValueError(f"values must be numbers, got {np.count_nonzero(np.isnan(values))} nan")
     if not (np.diff(coefficients) > 0.0).all():
-        raise ValueError("coefficients must rise")
+        raise ValueError("coefficients must increase")
     breaks = basis.breaks()
     taylor = _taylor(basis, coefficients, breaks)
     heights = taylor[0]
@@ -166,14 +166,14 @@ def invert_monotone(
     width = np.diff(breaks)[span]
     pieces = taylor[:, span] * width ** np.arange(len(taylor))[:, None]
     rise = heights[span + 1] - heights[span]
-    least = 4 * EPSILON * float(heights[-1] - heights[0])
+    tolerance = 4 * EPSILON * float(heights[-1] - heights[0])
     place = np.clip((values - heights[span]) / rise, 0.0, 1.0)
     low, high = np.zeros(len(values)), np.ones(len(values))
     steps = np.zeros(len(values), np.int32)
     for _ in range(max_steps):
         value, slope = _horner(pieces, place)
         error = value - values
-        active = np.abs(error) > least
+        active = np.abs(error) > tolerance
         low, high = np.where(error < 0.0, place, low), np.where(error > 0.0, place, high)
         active &= high > low
         if not active.any():

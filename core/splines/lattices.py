@@ -190,8 +190,8 @@ def deformed_normals(slopes: Floats, normals: Floats, min_stretch: float = 1e-9)
     lost = ~(length > min_stretch * np.linalg.norm(normals, axis=1))
     if lost.any():
         left, stretch, right = np.linalg.svd(slopes[lost])
-        least = np.maximum(min_stretch * stretch[:, :1], np.finfo(float).tiny)
-        along = (right @ normals[lost][:, :, None])[:, :, 0] * (least / np.maximum(stretch, least))
+        floor = np.maximum(min_stretch * stretch[:, :1], np.finfo(float).tiny)
+        along = (right @ normals[lost][:, :, None])[:, :, 0] * (floor / np.maximum(stretch, floor))
         squeezed = (left @ along[:, :, None])[:, :, 0]
         turned[lost] = squeezed / np.abs(squeezed).max(axis=1, keepdims=True)
         length[lost] = np.linalg.norm(turned[lost], axis=1)

@@ -49,7 +49,7 @@ class PatchSettings:
     doubtful_misfit: float = 0.04  # [pitches]
     doubtful_sigmas: float = 4.0  # of a taxel's noise
     max_isolated_share: float = 0.5  # fraction of the touched taxels that touch without neighbours
-    # Half the difference of k1 and k2, from which they have directions.
+    # k1 and k2 have directions if half their difference exceeds both.
     min_difference_sigmas: float = 3.0  # of its standard deviation
     curvature_rounding: float = 1e-9  # [1 / pad widths]
 
@@ -296,14 +296,14 @@ def _patch(
         return patch
     k1, k2, along_k1, umbilic = forms.principal_curvatures(shape)
     rounding = settings.curvature_rounding / (pad.pitch * pad.cols)
-    least = max(settings.min_difference_sigmas * errors.difference, rounding)
+    min_difference = max(settings.min_difference_sigmas * errors.difference, rounding)
     return patch._replace(
         principal=(k1, k2),
         across=forms.curvature_along(shape, direction),
         gaussian=k1 * k2,
         mean=0.5 * (k1 + k2),
         principal_direction=along_k1,
-        umbilic=umbilic or 0.5 * (k1 - k2) <= least,
+        umbilic=umbilic or 0.5 * (k1 - k2) <= min_difference,
         principal_error=errors.principal,
         across_error=errors.across,
         shape=shape,

@@ -48,7 +48,7 @@ class FaceFitSettings:
     """Fit of planes to the touched taxels."""
 
     max_rounds: int = 8  # of assigning taxels to planes and fitting the planes
-    min_spread: float = 0.3  # [pitches] of taxels across a line, for a plane through them
+    min_spread: float = 0.3  # [pitches] root mean square width of taxels that determine a plane
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -92,9 +92,9 @@ def classify_surface(
     wins = min(two.deviation, three.deviation) < settings.max_edge_ratio * fit.deviation
     if not (sharp or wins or unexplained):
         return "smooth"
-    left = min(two.deviation, curved_faces_deviation(pad, height, touched, two))
+    of_two = min(two.deviation, curved_faces_deviation(pad, height, touched, two))
     for more in (three, fit_faces(pad, height, touched, cells, 4)):
-        if more is not None and more.deviation < settings.max_corner_ratio * left:
+        if more is not None and more.deviation < settings.max_corner_ratio * of_two:
             return "corner" if _off_line(more) > settings.min_corner_slope else "edge"
     return "edge"
 
@@ -183,13 +183,13 @@ def _plane(x: Floats, y: Floats, z: Floats, min_spread: float) -> Floats | None:
     mean_x, mean_y, mean_z = float(x.mean()), float(y.mean()), float(z.mean())
     x, y, z = x - mean_x, y - mean_y, z - mean_z
     size = math.sqrt(float(x @ x))
-    least = min_spread * math.sqrt(len(x))
-    if size < least:
+    min_size = min_spread * math.sqrt(len(x))
+    if size < min_size:
         return None
     across = float(x @ y) / size
     y = y - x * (across / size)
     rest = math.sqrt(float(y @ y))
-    if rest < least:
+    if rest < min_size:
         return None
     slope_y = float(y @ z) / rest / rest
     slope_x = (float(x @ z) / size - across * slope_y) / size

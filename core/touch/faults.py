@@ -85,10 +85,10 @@ def frame_fault(
     so that some taxel must read it.
     """
     limit, spread = pad.saturation * pad.thickness, settings.noise_sigmas * noise
-    most = 0.5 * (limit + pad.thickness) + spread
-    least = -max(settings.min_negative * pad.pitch, spread)
+    max_possible = 0.5 * (limit + pad.thickness) + spread  # halfway to the transducers
+    min_possible = -max(settings.min_negative * pad.pitch, spread)
     touched = smooth > max(contact, spread)
-    wrong = np.count_nonzero((smooth > most) | (smooth < least))
+    wrong = np.count_nonzero((smooth > max_possible) | (smooth < min_possible))
     if wrong > settings.max_impossible_share * smooth.size or (
         wrong > settings.max_saturated_share * np.count_nonzero(touched) > 0.0
     ):
@@ -109,12 +109,12 @@ def pressed_fault(
     one. Heights that differ may be over any other plane, and are not checked.
     """
     compression = -(height + pad.sag())[touched]
-    most, rounding = float(compression.max()), settings.rounding
-    if most - float(compression.min()) > rounding * abs(most):
+    largest, rounding = float(compression.max()), settings.rounding
+    if largest - float(compression.min()) > rounding * abs(largest):
         return "none"
-    if most >= pad.thickness * (1.0 - rounding):
+    if largest >= pad.thickness * (1.0 - rounding):
         return "impossible"
-    return "saturated" if most >= pad.saturation * pad.thickness * (1.0 - rounding) else "none"
+    return "saturated" if largest >= pad.saturation * pad.thickness * (1.0 - rounding) else "none"
 
 
 def is_repeated(
@@ -160,19 +160,19 @@ def cut_off_taxels(
         return None  # a plane with an edge beside the middle of a domed pad
     if lower.any() and _opening(plateau, lower) > settings.max_opening:
         return None
-    least = max(settings.min_excess * pad.pitch, settings.noise_sigmas * noise)
+    min_excess = max(settings.min_excess * pad.pitch, settings.noise_sigmas * noise)
     fit = fit_jet(pad, height, lower, noise)
     if fit is None or fit.jet.degree < 2:
         mostly = np.count_nonzero(plateau) > settings.max_share * np.count_nonzero(touched)
-        is_level = lower.any() and top - np.median(compression[lower]) < least
+        is_level = lower.any() and top - np.median(compression[lower]) < min_excess
         return plateau if mostly and not is_level else None
     if min(lower.any(axis=0).sum(), lower.any(axis=1).sum()) < settings.min_lines:
         return None  # so few lines have no measurable curvature across them
     bends = np.abs(fit.derivatives[2:]).max() * pad.pitch
     x, y = (axis[plateau] / fit.jet.scale for axis in pad.grid())
-    there = monomials(x, y, fit.jet.degree) @ fit.jet.coefficients
-    excess = float(np.mean(height[plateau] - there))
-    return plateau if excess > least and bends > settings.min_curvature else None
+    expected = monomials(x, y, fit.jet.degree) @ fit.jet.coefficients
+    excess = float(np.mean(height[plateau] - expected))
+    return plateau if excess > min_excess and bends > settings.min_curvature else None
 
 
 def _around(plateau: Bools) -> Bools:

@@ -115,8 +115,8 @@ def clean(
     if fault != "none":
         return CleanedImage(compression, nothing, 0, fault)
     if order == "auto":
-        least = max(contact, settings.contact_sigmas * noise)
-        repaired, impulses = remove_all_impulses(pad, compression, least, noise, settings)
+        min_contact = max(contact, settings.contact_sigmas * noise)
+        repaired, impulses = remove_all_impulses(pad, compression, min_contact, noise, settings)
         touched = contact_mask(pad, repaired, contact, noise, settings.contact_sigmas) & ~impulses
         return CleanedImage(repaired, touched, int(np.count_nonzero(impulses)))
     filtered = FILTERS[order](compression, noise**2)

@@ -210,7 +210,7 @@ class JetDesign(NamedTuple):
     monomials: Floats  # (n, m)
     basis: Floats  # orthonormal columns Q of the factorisation Q R, (n, m)
     rows: Floats  # matrix (6, m) from coefficients to height and derivatives at the middle
-    outer: Floats  # matrix (m + 6, m) from coefficients over Q to coefficients and those
+    outer: Floats  # matrix (m + 6, m) from coefficients over Q to those of a jet, then to `rows`
 
 
 @lru_cache(maxsize=32)  # 70 kB each

@@ -169,11 +169,11 @@ def contact_mask(
     if pad.face.kind == "membrane":
         share = (pad.face.decay / pad.pitch) ** 2
         load = compression - share * _laplacian(compression)
-        even, magnified = 1.0, math.hypot(1.0 + 4.0 * share, 2.0 * share)
+        even_load, noise_gain = 1.0, math.hypot(1.0 + 4.0 * share, 2.0 * share)
     else:
-        operator, even, magnified = _half_space_loads(replace(pad, face=SPRINGS))
+        operator, even_load, noise_gain = _half_space_loads(replace(pad, face=SPRINGS))
         load = (operator @ compression.ravel()).reshape(compression.shape)
-    result: Bools = moved & (load > max(contact * even, min_sigmas * noise * magnified))
+    result: Bools = moved & (load > max(contact * even_load, min_sigmas * noise * noise_gain))
     return result
 
 

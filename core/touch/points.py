@@ -24,10 +24,10 @@ class EdgeSlopeSettings:
     """Choice between normals of a plane beside an edge and of the smooth surface."""
 
     square_side: int = 3  # [taxels] of the squares to which planes are fitted
-    edge_ratio: float = 3.0  # misfit of the smooth surface over the plane's, above which it is edge
+    edge_ratio: float = 3.0  # of the smooth surface's misfit to the plane's; above it is an edge
     min_misfit: float = 0.02  # fraction of the pitch by which the misfit must be larger besides
     # A taxel is left out if plane and smooth surface miss it by more than this many times the
-    # misfit of most planes.
+    # median misfit of the planes.
     max_misfit_ratio: float = 6.0
 
 
@@ -56,11 +56,11 @@ def surface_points(
     slopes = np.zeros((2, *x.shape))
     if jet is not None:
         flat = x.ravel(), y.ravel()
-        edge = _edge_slopes(
+        planes = _edge_slopes(
             surface, jet.height(*flat).reshape(x.shape), touched, pad.pitch, settings
         )
-        slopes = np.where(edge.edge, edge.slopes, np.reshape(jet.slopes(*flat), slopes.shape))
-        touched = touched & ~edge.unknown
+        slopes = np.where(planes.edge, planes.slopes, np.reshape(jet.slopes(*flat), slopes.shape))
+        touched = touched & ~planes.unknown
     local = np.column_stack([x[touched], y[touched], surface[touched]])
     outward = np.column_stack([*slopes[:, touched], -np.ones(len(local))])
     outward /= np.linalg.norm(outward, axis=1, keepdims=True)
@@ -113,10 +113,10 @@ def _best_square(
     around = np.pad(misfit, settings.square_side - 1, constant_values=np.inf)
     numbers = np.pad(np.arange(rows * cols).reshape(rows, cols), settings.square_side - 1)
     choices, numbers = (
-        sliding_window_view(one, (settings.square_side, settings.square_side)).reshape(
+        sliding_window_view(array, (settings.square_side, settings.square_side)).reshape(
             rows + settings.square_side - 1, cols + settings.square_side - 1, -1
         )
-        for one in (around, numbers)
+        for array in (around, numbers)
     )
     return np.take_along_axis(numbers, choices.argmin(axis=2)[..., None], axis=2)[..., 0]
 

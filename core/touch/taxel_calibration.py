@@ -87,7 +87,7 @@ def estimate_calibration(
         for _ in range(settings.n_sweeps):
             fit.sweep()
     except np.linalg.LinAlgError:
-        raise ValueError("the readings do not separate gains from errors of the pose") from None
+        raise ValueError("the readings cannot tell gains from errors of the arm's pose") from None
     return _estimate(fit, initial, data_sheet)
 
 
@@ -144,10 +144,10 @@ def _estimate(
     common, common_offset = 1.0 + fit.shared[0] / MILLIMETRE, fit.shared[1]
     by_time = data_sheet.signal == "time"
     ratio = 1.0 / common if by_time else 1.0  # of the speed to that of the data sheet
-    answer, rest = np.full(len(initial.rest), common), initial.rest.copy()
-    answer[fit.taxels] += fit.own[0] / MILLIMETRE
+    response, rest = np.full(len(initial.rest), common), initial.rest.copy()
+    response[fit.taxels] += fit.own[0] / MILLIMETRE
     rest[fit.taxels] = common_offset + fit.own[1]
-    gain = np.where(initial.trusted, 1.0 / (ratio * answer), 0.0)
+    gain = np.where(initial.trusted, 1.0 / (ratio * response), 0.0)
     lifted = data_sheet.thickness * (1.0 - ratio)
     gain_error = np.where(initial.trusted, np.nan, 0.0)
     offset_error = np.where(initial.trusted, initial.noise / math.sqrt(len(fit.presses.free)), 0.0)
@@ -233,15 +233,15 @@ class TaxelFit:
         nuisance = self.shared[2:].reshape(-1, 3)
         shift = np.einsum("ij,ij->i", nuisance[touch], self.basis[taxel])
         pressed, at = (known + shift) / MILLIMETRE, self.number[taxel]
-        # a (known + nuisance) + o, linear in gain, offset and nuisance about the last one.
+        # The model a (known + nuisance) + o is linearised about the last nuisances.
         left = self.presses.read[touch, taxel] - known
         self._solve(at, pressed, self._shared_columns(touch, taxel, pressed), left)
         self._drop_outliers()
         squares = self.shared[2:] ** 2 + self.shared_variance[2:]
-        least = self.settings.min_spread
-        self.spread = np.maximum(np.sqrt(squares.reshape(-1, 3).mean(axis=0)), least)
+        min_spread = self.settings.min_spread
+        self.spread = np.maximum(np.sqrt(squares.reshape(-1, 3).mean(axis=0)), min_spread)
         learnt = np.sqrt((self.own**2 + self.own_variance).mean(axis=1))
-        self.own_spread = np.maximum(learnt, least)
+        self.own_spread = np.maximum(learnt, min_spread)
 
     def _shared_columns(
         self, touch: TaxelIndices, taxel: TaxelIndices, pressed: Floats

@@ -20,11 +20,11 @@ DOWN.setflags(write=False)
 class TurnSettings:
     """Motion of a hand that turns an object over, and its errors."""
 
-    shift: float = 2.0e-3  # [m] standard deviation of its place along both horizontal axes
-    tilt: float = math.radians(2.0)  # [rad] about each axis, before the object comes to rest
+    shift: float = 2.0e-3  # [m] standard deviation of the object's place on each horizontal axis
+    tilt: float = math.radians(2.0)  # [rad] standard deviation about each axis, when it is let go
     spin: float = math.pi  # [rad] largest turn about the vertical, to either side, uniform
-    lift: float = 0.15  # [m] up, and down again
-    grip: float = 0.02  # [m] of the fingers to it, and back
+    lift: float = 0.15  # [m] by which it lifts the object, and lowers it again
+    grip: float = 0.02  # [m] by which the fingers close, and open again
 
 
 TURNING = TurnSettings()

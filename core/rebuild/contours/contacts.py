@@ -133,8 +133,8 @@ def normals_as_points(
         step = settings.spacing_fraction * float(np.ptp(means)) / (len(means) - 1)
     elif len(used):
         step = settings.width_fraction * float(np.ptp(used[0][:, :2], axis=0).max())
-    least = settings.min_horizontal_normal
-    return stack_points([_tangent_points(points, unit, step, least) for points, unit in parts])
+    limit = settings.min_horizontal_normal
+    return stack_points([_tangent_points(points, unit, step, limit) for points, unit in parts])
 
 
 def _tangent_points(

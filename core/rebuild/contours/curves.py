@@ -193,9 +193,9 @@ def height_outliers(z: Floats, perimeter: float, settings: HeightOutlierSettings
     shifts = range(-settings.n_each_side, settings.n_each_side + 1)
     low, middle, high = np.quantile([np.roll(z, by) for by in shifts], [0.25, 0.5, 0.75], axis=0)
     off = np.abs(z - middle)
-    least = settings.min_sigmas * probable_error_sigma(off)
-    least = max(least, settings.min_deviation * perimeter)
-    outlier: Bools = off > np.maximum(settings.min_spread_ratio * (high - low), least)
+    min_off = settings.min_sigmas * probable_error_sigma(off)
+    min_off = max(min_off, settings.min_deviation * perimeter)
+    outlier: Bools = off > np.maximum(settings.min_spread_ratio * (high - low), min_off)
     return np.asarray(outlier & (outlier.mean() <= settings.max_share))
 
 

@@ -305,22 +305,22 @@ def neighbour_misfits(
     count = len(heights)
     middles = grid.mean(axis=1)
     radii = np.linalg.norm(grid - middles[:, None], axis=2).mean(axis=1)
-    least = settings.min_error * float(radii.mean())
+    min_misfit = settings.min_error * float(radii.mean())
     misfits = np.zeros(count)
     if count < settings.min_contours:
         if count == settings.min_contours - 1:
             aside = np.linalg.norm(middles[1] - neighbour_weights(heights)[1] @ middles)
             misfit = max(float(aside), float(radii[[0, 2]].min() - radii[1]))
-            misfits[1] = misfit if misfit > least else 0.0
+            misfits[1] = misfit if misfit > min_misfit else 0.0
         return misfits
     errors = _rms_length(np.tensordot(neighbour_weights(heights), grid, 1) - grid)
-    for row in np.flatnonzero(errors > least):
+    for row in np.flatnonzero(errors > min_misfit):
         kept = np.arange(count) != row
         rest = np.tensordot(neighbour_weights(heights[kept]), grid[kept], 1) - grid[kept]
         usual = float(_rms_length(rest[1:-1]).max())
         if row in (0, count - 1):
             errors[row] = _end_misfit(heights, middles, radii, int(row))
-        if errors[row] > max(settings.min_error_ratio * usual, least):
+        if errors[row] > max(settings.min_error_ratio * usual, min_misfit):
             misfits[row] = errors[row]
     # A wrong contour makes its neighbours unlike it as well: only the worst of them is kept.
     for row in np.argsort(-misfits):

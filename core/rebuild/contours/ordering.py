@@ -68,11 +68,11 @@ def _two_opt(points: Floats, tour: Ints, settings: OrderingSettings) -> Ints:
     if len(tour) > settings.max_tour_points:
         return tour
     tour = tour.copy()
-    least = settings.min_gain * _length(points[tour])
+    min_gain = settings.min_gain * _length(points[tour])
     for _ in range(settings.max_sweeps):
         shorter = False
         for first in range(len(tour) - 2):
-            shorter |= _reverse_best(points, tour, first, least)
+            shorter |= _reverse_best(points, tour, first, min_gain)
         if not shorter:
             break
     return tour
@@ -82,7 +82,7 @@ def _length(loop: Floats) -> float:
     return float(np.linalg.norm(np.roll(loop, -1, axis=0) - loop, axis=1).sum())
 
 
-def _reverse_best(points: Floats, tour: Ints, first: int, least: float) -> bool:
+def _reverse_best(points: Floats, tour: Ints, first: int, min_gain: float) -> bool:
     """Reverse the part behind a place of the tour that gains most; False if none gains."""
     loop = points[tour]
     here, following = loop[first], loop[first + 1]
@@ -90,7 +90,7 @@ def _reverse_best(points: Floats, tour: Ints, first: int, least: float) -> bool:
     saved = np.linalg.norm(following - here) + np.linalg.norm(after - ends, axis=1)
     added = np.linalg.norm(ends - here, axis=1) + np.linalg.norm(after - following, axis=1)
     best = int(np.argmax(saved - added))
-    if saved[best] - added[best] <= least:
+    if saved[best] - added[best] <= min_gain:
         return False
     tour[first + 1 : first + 3 + best] = tour[first + 1 : first + 3 + best][::-1].copy()
     return True
@@ -98,12 +98,12 @@ def _reverse_best(points: Floats, tour: Ints, first: int, least: float) -> bool:
 
 def _nearest_neighbour_tour(points: Floats) -> Ints:
     """From each point to the nearest remaining one, beginning at the largest x."""
-    left = np.ones(len(points), bool)
+    is_left = np.ones(len(points), bool)
     tour = np.empty(len(points), np.int32)
     here = int(np.argmax(points[:, 0]))
     for step in range(len(points)):
-        tour[step], left[here] = here, False
-        away = np.where(left, np.linalg.norm(points - points[here], axis=1), np.inf)
+        tour[step], is_left[here] = here, False
+        away = np.where(is_left, np.linalg.norm(points - points[here], axis=1), np.inf)
         here = int(np.argmin(away))
     return tour
 

@@ -417,12 +417,12 @@ def _scores(slices: Slices, places: Floats, settings: MatchSettings) -> Floats:
     inner = slice(margin, -margin)
     predicted = np.einsum("im,cmkd->cikd", neighbour_weights(slices.heights)[inner], grids)
     distance = slice_distance(slices.fine[inner], predicted).mean(axis=2)
-    least = settings.min_distance * slices.perimeter[inner]
-    return np.asarray(np.exp(np.log(np.maximum(distance, least)).mean(axis=1)))
+    min_distance = settings.min_distance * slices.perimeter[inner]
+    return np.asarray(np.exp(np.log(np.maximum(distance, min_distance)).mean(axis=1)))
 
 
 def slice_distance(curves: Floats, points: Floats) -> Floats:
-    """Distances (c, M, k) [m] of points (c, M, k, 2) from the tangents of curves (M, n, 2)."""
+    """Distances (c, M, k) [m] of points (c, M, k, 2) from curves (M, n, 2), by their tangents."""
     middles = curves.mean(axis=1)  # so that the width below does not grow with the object's lean
     curves = curves - middles[:, None]
     points = points - middles[:, None]
