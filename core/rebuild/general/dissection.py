@@ -1,11 +1,11 @@
 """Cholesky factors of equations over the cells of a band, by nested dissection.
 
-Cells are halved across their longest extent until few are left; control values that lie in one half
-alone are eliminated there, and what is left of both halves meets at their border (George, *Nested
+Cells are halved across their longest extent until a part is small; control values of one half alone
+are eliminated there, and the rest of both halves is summed at their border (George, *Nested
 dissection of a regular finite element mesh*, 1973; fronts as Duff and Reid, 1983). All work is in
-dense blocks. Of a shell of n cells the largest border has some sqrt(n) of them, where a banded
-matrix has as many in each of its rows: an object of 200 cm^2 takes a tenth of the time. Own code:
-scipy factors no sparse symmetric matrix but as a general one.
+dense blocks. The largest border in a shell of n cells has about sqrt(n) cells, where every row of a
+banded matrix has as many: an object of 200 cm^2 takes a tenth of the time. It is our own code, as
+scipy factors a sparse symmetric matrix only as a general one.
 """
 
 from __future__ import annotations
@@ -22,29 +22,29 @@ from palpate.core.arrays import Floats, Ints
 
 Longs = NDArray[np.int64]
 
-MAX_LEAF = 192  # Cells of a part that is not halved: it changes the time, not the solution
-RIDGE = 1e-9  # Of the largest diagonal: it fixes control values that no equation determines
+MAX_LEAF = 192  # Most cells of a part that is not halved; it affects the time only
+RIDGE = 1e-9  # Added to the diagonal, over its largest: for undetermined control values
 
 
 class Front(NamedTuple):
-    """Equations of a part of the cells."""
+    """One part of the cells, whose own control values are eliminated together."""
 
-    cells: Longs  # Of a part that is not halved; none of others
-    parts: tuple[int, ...]  # Numbers of the two halves, which come before it
+    cells: Longs  # Numbers of its cells if it is not halved, else empty
+    parts: tuple[int, ...]  # Numbers of the fronts of its two halves, which come before it
     own: Longs  # Control values that are eliminated here, (k,)
-    border: Longs  # Control values that it shares with others, as they are eliminated there, (b,)
+    border: Longs  # Control values that are eliminated in later fronts, in that order, (b,)
 
 
 class Dissection(NamedTuple):
-    """In which order control values are eliminated: the same for all equations over a band."""
+    """The order in which control values are eliminated, for all equations over a band."""
 
-    fronts: tuple[Front, ...]  # Halves before their whole
+    fronts: tuple[Front, ...]  # In the order of elimination: halves before their whole
     local: Ints  # Control values over each cell, (m, 64)
     size: int  # Number of control values
 
 
 def dissect(cells: Ints, local: Ints, count: int) -> Dissection:
-    """The order for cells (m, 3) whose control values are local (m, 64), of `count` in all."""
+    """The order for cells (m, 3) with the control values `local` (m, 64), of `count` in all."""
     order, spans = _halved(cells)
     position = np.empty(len(cells), np.int64)
     position[order] = np.arange(len(cells))
@@ -74,7 +74,7 @@ def _by(turn: Longs, values: Longs) -> Longs:
 
 
 def _halved(cells: Ints) -> tuple[Longs, list[tuple[int, int, tuple[int, ...]]]]:
-    """Cells in an order in which each part is a stretch, and the stretches, halves first."""
+    """Order of the cells, in which each part is a range, and (begin, end, halves) of each part."""
     order = np.arange(len(cells), dtype=np.int64)
     spans: list[tuple[int, int, tuple[int, ...]]] = []
 
@@ -110,7 +110,7 @@ class Factor(NamedTuple):
         return self._substituted(solution)
 
     def draws(self, normal: Floats) -> Floats:
-        """Draws (n, k) whose covariance is the inverse of the equations, of normal ones (n, k)."""
+        """Draws (n, k) with the inverse of the equations as covariance, from normal ones (n, k)."""
         return self._substituted(normal.copy())
 
     def _eliminating(self) -> list[tuple[Front, Floats, Floats]]:
@@ -124,10 +124,10 @@ class Factor(NamedTuple):
         return solution
 
     def halves(self, right: scipy.sparse.csr_matrix) -> Iterator[tuple[Longs, Floats]]:
-        """The product of the inverse of the lower factor and a sparse right-hand side (n, k).
+        """The product F of the inverse of the lower factor and a sparse right-hand side (n, k).
 
-        Front by front: which columns (c,) have rows there, and these rows, (own, c). With all of
-        them F, the product F^T F is that of the right-hand side and the solution.
+        Front by front: the columns (c,) that are not 0 there, and the rows (own, c) of F. The
+        product F^T F is that of the right-hand side and the solution.
         """
         passed: dict[int, tuple[Longs, Longs, Floats]] = {}  # Columns, control values, rows
         place = np.empty(self.dissection.size, np.int64)
@@ -161,20 +161,20 @@ class Factor(NamedTuple):
 
 
 class Blocks(Protocol):
-    """Positive blocks (64, 64), one a cell."""
+    """Positive semidefinite blocks (64, 64), one a cell."""
 
     def of(self, cells: Longs) -> Floats:
-        """Those of some cells, (c, 64, 64)."""
+        """The blocks of some cells, (c, 64, 64)."""
 
     @property
     def largest(self) -> float:
-        """The largest diagonal element of all."""
+        """The largest diagonal element of all blocks."""
 
 
 def factorise(dissection: Dissection, blocks: Blocks) -> Factor:
     """The factor of the sum of the blocks of all cells."""
     corners, sides = [], []
-    left: dict[int, Floats] = {}  # Lower triangles over borders
+    left: dict[int, Floats] = {}  # Lower triangles over borders, not yet summed
     ridge = RIDGE * blocks.largest
     place = np.empty(dissection.size, np.int64)
     for number, front in enumerate(dissection.fronts):
@@ -201,7 +201,7 @@ def factorise(dissection: Dissection, blocks: Blocks) -> Factor:
 
 
 class _Matrix(NamedTuple):
-    """Lower triangle of a front's equations, in columns."""
+    """Lower triangle of a front's equations, stored by columns."""
 
     corner: Floats  # Over its own control values, (k, k)
     side: Floats  # Below, over its border, (b, k)
