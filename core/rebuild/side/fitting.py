@@ -32,23 +32,23 @@ Poles = tuple[Floats | None, Floats | None]  # where a surface closes in a point
 class ContourFitSettings:
     """Which parameter along the axis contours are fitted in, and how cautiously."""
 
-    max_around: int = 128  # coefficients around
-    min_round_rows: int = 5  # rows and poles; of fewer, only ends with a pole are round
-    caution: float = 1.2  # weight of a degree of freedom, if residuals of rows are not alike
-    min_caution_rows: int = 12  # rows, for their likeness to be known
-    max_likeness: float = 0.25  # correlation of neighbouring rows' residuals that are not alike
-    # Rows of a larger swing are tried in another parameter, which is taken if it leaves less than a
-    # ratio of the swing. Of smooth objects the swing is about 0.25, however few the rows.
+    max_around: int = 128  # largest number of coefficients around
+    min_round_rows: int = 5  # rows and poles; with fewer, only ends with a pole are round
+    caution: float = 1.2  # weight of a degree of freedom, if residuals are noise; larger, smoother
+    min_caution_rows: int = 12  # rows that are needed to measure the likeness of residuals
+    max_likeness: float = 0.25  # |correlation| of neighbouring rows' residuals that are noise
+    # Rows with a larger swing (see `ContourFit.swing`) are fitted again in the arc length, which is
+    # kept if it reduces the swing below a ratio. Smooth objects have a swing of about 0.25.
     max_swing: float = 0.5
     max_swing_ratio: float = 0.5
     # Powers of the arc length along the surface; lower ones are calmer where steps have many
     # lengths: Lee, *Choosing nodes in parametric curve interpolation*, 1989.
     powers: tuple[float, ...] = (1.0, 0.5, 0.25)
-    # Rows of a small swing, if there are as many, are tried in the arc length, too, which is taken
-    # if it predicts rows better by a ratio.
+    # At least `min_rows` rows with a smaller swing are fitted in the arc length, too, which is kept
+    # if it reduces their prediction error below a ratio.
     min_rows: int = 8
     max_error_ratio: float = 0.72
-    min_error: float = 0.01  # fraction of the size; rows that are predicted better are close enough
+    min_error: float = 0.01  # rms error over the size; rows predicted better are not tried again
     smoothing: SmoothingSettings = DEFAULT_SMOOTHING
 
 
