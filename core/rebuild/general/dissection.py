@@ -65,11 +65,11 @@ def dissect(cells: Ints, local: Ints, count: int) -> Dissection:
         fronts.append(Front(own, parts, mine, values[~inner]))
     turn = np.empty(count, np.int64)
     turn[np.concatenate([front.own for front in fronts])] = np.arange(count)
-    ordered = (front._replace(border=_by(turn, front.border)) for front in fronts)
+    ordered = (front._replace(border=_sorted_by(turn, front.border)) for front in fronts)
     return Dissection(tuple(ordered), local, count)
 
 
-def _by(turn: Longs, values: Longs) -> Longs:
+def _sorted_by(turn: Longs, values: Longs) -> Longs:
     return np.asarray(values[np.argsort(turn[values])])
 
 
@@ -182,10 +182,10 @@ def factorise(dissection: Dissection, blocks: Blocks) -> Factor:
         place[front.own], place[front.border] = np.arange(count), np.arange(count, size)
         if front.parts:
             below = [(left.pop(part), dissection.fronts[part].border) for part in front.parts]
-            corner, side, rest = _joined([(part, place[at]) for part, at in below], count, size)
+            corner, side, rest = _half_sum([(part, place[at]) for part, at in below], count, size)
         else:
             local = place[dissection.local[front.cells]]
-            corner, side, rest = _summed(local, blocks.of(front.cells), count, size)
+            corner, side, rest = _cell_sum(local, blocks.of(front.cells), count, size)
         corner[np.arange(count), np.arange(count)] += ridge
         if count:
             corner, _ = scipy.linalg.lapack.dpotrf(corner, lower=1, overwrite_a=1)
@@ -208,7 +208,7 @@ class _Matrix(NamedTuple):
     rest: Floats  # Over its border, (b, b)
 
 
-def _summed(local: Longs, blocks: Floats, count: int, size: int) -> _Matrix:
+def _cell_sum(local: Longs, blocks: Floats, count: int, size: int) -> _Matrix:
     """The sum of blocks (m, 64, 64) at places (m, 64) of a front of `size`, `count` its own."""
     flat = local[:, :, None] + size * local[:, None, :]
     sums = np.bincount(flat.ravel(), blocks.ravel(), size * size)
@@ -217,7 +217,7 @@ def _summed(local: Longs, blocks: Floats, count: int, size: int) -> _Matrix:
     return _Matrix(*(np.asarray(part, np.float64, order="F") for part in parts))
 
 
-def _joined(below: list[tuple[Floats, Longs]], count: int, size: int) -> _Matrix:
+def _half_sum(below: list[tuple[Floats, Longs]], count: int, size: int) -> _Matrix:
     """The sum of the lower triangles (b, b) that two halves leave, at ascending places (b,)."""
     shapes = (count, count), (size - count, count), (size - count, size - count)
     joined = _Matrix(*(np.zeros(shape, order="F") for shape in shapes))

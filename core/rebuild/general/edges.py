@@ -118,28 +118,28 @@ def find_edges(bent: Floats, points: Floats, normals: Floats) -> Edges | None:
     `points` [m], `normals` (k, 3): touched points, displaced as they are in the fit.
     """
     tree, fitted, most = point_tree(points), [], np.arange(1, EDGES.max_points + 1)
-    for place in _spaced(bent):
+    for place in _thinned(bent):
         near = np.asarray(tree.query(place, most, distance_upper_bound=EDGES.reach)[1])
         near = near[near < len(points)]
         faces = [
             (_paraboloid(points[near][own] - place, mean), points[near][own].mean(axis=0))
-            for own, mean in _sides(normals[near])
+            for own, mean in _side_masks(normals[near])
         ]
         if len(faces) > 1:
-            fitted.append(_joined(place, faces))
+            fitted.append(_edge_row(place, faces))
     if not fitted:
         return None
     edges = Edges(*map(np.array, zip(*fitted, strict=True)))
     return _sharp_ones(edges, points)
 
 
-def _spaced(places: Floats) -> Floats:
+def _thinned(places: Floats) -> Floats:
     """Some of the places, one in each cube of an edge `spacing`."""
     _, first = np.unique(np.floor(places / EDGES.spacing), axis=0, return_index=True)
     return places[np.sort(first)]
 
 
-def _sides(normals: Floats) -> list[tuple[Bools, Floats]]:
+def _side_masks(normals: Floats) -> list[tuple[Bools, Floats]]:
     """Which points (n,) belong to each side, by their normals (n, 3), and its mean normal.
 
     The side of the most points comes first; no point belongs to two sides.
@@ -184,7 +184,7 @@ def _paraboloid(points: Floats, normal: Floats) -> _Face:
     return _Face(frame, coefficients)
 
 
-def _joined(
+def _edge_row(
     place: Floats, faces: list[tuple[_Face, Floats]]
 ) -> tuple[Floats, Floats, Floats, Floats, Bools]:
     """A row of `Edges`, of two or three faces and the mean of the points of each."""
@@ -316,7 +316,7 @@ def _corners(edges: Edges) -> Floats:
         places = places - _newton_step(distances, normals)
     cosines = np.einsum("nai,nai->na", normals, np.roll(normals, 1, axis=1))
     good = (cosines < math.cos(EDGES.min_angle)).all(axis=1)
-    return _spaced(places[good & (np.linalg.norm(places - edges.places, axis=1) < EDGES.moved)])
+    return _thinned(places[good & (np.linalg.norm(places - edges.places, axis=1) < EDGES.moved)])
 
 
 def _snapped(

@@ -59,7 +59,7 @@ def oriented(
             f"patches.normals must agree with those beside them, got {share:.0%} that agree with "
             "none: are they normals of these points?"
         )
-    sign = _voted(points, normals, patch, sign, settings)
+    sign = _outward_signs(points, normals, patch, sign, settings)
     turned = int(np.count_nonzero(sign < 0.0))
     outward = contacts if not turned else contacts._replace(normals=normals * sign[:, None])
     return Orientation(outward, turned)
@@ -87,7 +87,7 @@ def _patches(
         scipy.sparse.csr_array((cost, (rows, columns)), shape=(count, count))
     )
     n_patches, patch = scipy.sparse.csgraph.connected_components(tree, directed=False)
-    sign = _propagated(tree, normals, np.unique(patch, return_index=True)[1])
+    sign = _tree_signs(tree, normals, np.unique(patch, return_index=True)[1])
     # The side that most of a patch point to is +1.
     total = np.bincount(patch, sign, n_patches)
     sign *= np.where(total < 0.0, -1.0, 1.0)[patch]
@@ -95,7 +95,7 @@ def _patches(
     return patch.astype(np.int32), sign, (sizes < settings.min_patch)[patch]
 
 
-def _propagated(tree: scipy.sparse.csr_array, normals: Floats, first: NDArray[np.intp]) -> Floats:
+def _tree_signs(tree: scipy.sparse.csr_array, normals: Floats, first: NDArray[np.intp]) -> Floats:
     """The sign (n,) of each normal against that of the `first` (p,) of its patch, along trees."""
     count = len(normals)
     edges = tree.tocoo()
@@ -112,7 +112,7 @@ def _propagated(tree: scipy.sparse.csr_array, normals: Floats, first: NDArray[np
     return sign[:count]
 
 
-def _voted(
+def _outward_signs(
     points: Floats,
     normals: Floats,
     patch: NDArray[np.int32],

@@ -149,9 +149,9 @@ def fit_rows(
 
     def by_length(power: float) -> ContourFit:
         parameters = [reparametrised(rows, candidate, power) for candidate in candidates]
-        return _careful(rows, parameters, noise, settings)
+        return _best_cautious(rows, parameters, noise, settings)
 
-    fit = _careful(rows, candidates, noise, settings)
+    fit = _best_cautious(rows, candidates, noise, settings)
     swing = fit.swing()
     if not swing <= settings.max_swing:
         calmest = min(map(by_length, settings.powers), key=ContourFit.swing)
@@ -164,7 +164,7 @@ def fit_rows(
     return paced if _prediction_error(paced) < settings.max_error_ratio * error else fit
 
 
-def _careful(
+def _best_cautious(
     rows: ContourRows,
     candidates: list[AxialParameter],
     noise: float | None,
@@ -172,10 +172,10 @@ def _careful(
 ) -> ContourFit:
     """The best of some parameters, with caution where the residuals of rows are not alike."""
     if noise is None and len(rows.heights) >= settings.min_caution_rows:
-        fit = _best(rows, candidates, noise, settings.caution, settings)
+        fit = _best_predicting(rows, candidates, noise, settings.caution, settings)
         if abs(fit.likeness(rows.grid)) < settings.max_likeness:
             return fit
-    return _best(rows, candidates, noise, 1.0, settings)
+    return _best_predicting(rows, candidates, noise, 1.0, settings)
 
 
 def reparametrised(
@@ -207,10 +207,10 @@ def fit_heights_or_round(
     """Fit rows in the height or the latitude, without regard to poles, swing and likeness."""
     both = [AxialParameter(low, high, ends) for ends in ((False, False), (True, True))]
     candidates = both if len(rows.heights) >= settings.min_round_rows else both[:1]
-    return _best(rows, candidates, None, 1.0, settings)
+    return _best_predicting(rows, candidates, None, 1.0, settings)
 
 
-def _best(
+def _best_predicting(
     rows: ContourRows,
     candidates: list[AxialParameter],
     noise: float | None,
@@ -245,7 +245,7 @@ def fit_axial_parameter(
     inner = slice(int(below is not None), along.count - int(above is not None))
     matrix = along.matrix(places).toarray()
     root = bending_along(along, 1 if len(sites) == 1 else 2)
-    line = _line(along, below, above)
+    line = _pole_line(along, below, above)
     smoothed = smooth(
         rows.grid - (matrix @ line)[:, None],
         smoothing_axis(matrix[:, inner], root[:, inner], settings.smoothing),
@@ -259,7 +259,7 @@ def fit_axial_parameter(
     return ContourFit(axial_parameter, caution, along, sites, smoothed, control, matrix @ line)
 
 
-def _line(along: Basis, below: Floats | None, above: Floats | None) -> Floats:
+def _pole_line(along: Basis, below: Floats | None, above: Floats | None) -> Floats:
     """Coefficients (n, 2) of the line between the poles; adding it changes no bending."""
     start, end = below if below is not None else above, above if above is not None else below
     if start is None or end is None:

@@ -58,7 +58,7 @@ def fit_shifted_spline(
     shifts = np.zeros((int(contacts.touch.max()) + 1, 3))
     spline, weight, pose = plain, settings.first_weight, 0.0
     for _ in range(0 if is_few else settings.n_sweeps):
-        shifts += _more_shifts(spline, shifts, weight, settings)
+        shifts += _shift_corrections(spline, shifts, weight, settings)
         spline = plain.refitted(contacts._replace(points=contacts.points - shifts[contacts.touch]))
         by_row = shifts[spline.rows.touch]
         pose = probable_error_sigma(np.einsum("ni,ni->n", spline.rows.normals, by_row))
@@ -83,7 +83,7 @@ def stiffened(spline: RadialSpline, settings: ShiftSettings) -> RadialSpline:
     return spline
 
 
-def _more_shifts(
+def _shift_corrections(
     spline: RadialSpline, shifts: Floats, weight: float, settings: ShiftSettings
 ) -> Floats:
     """Corrections (k, 3) of the shifts by which the spline's points were moved back.

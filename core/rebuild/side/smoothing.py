@@ -136,7 +136,7 @@ def smoothing_axis(
 
     By basis functions (m, n) at its lines, and the root (r, n) of the penalty.
     """
-    weight, bending = _measured(basis), _measured(root)
+    weight, bending = _normalised_form(basis), _normalised_form(root)
     modes = demmler_reinsch(weight, bending, basis)
     stiff = modes.stiffness[modes.stiffness > settings.flat_tolerance]
     limits = (1.0, 1.0)
@@ -145,7 +145,7 @@ def smoothing_axis(
     return SmoothingAxis(modes, weight, bending, np.geomspace(*limits, settings.n_strengths))
 
 
-def _measured(root: Floats) -> Floats:
+def _normalised_form(root: Floats) -> Floats:
     """The quadratic form of a root, over its mean diagonal."""
     form = root.T @ root
     mean = np.trace(form) / len(form)
@@ -187,7 +187,7 @@ def smooth(
     count = lines[0] * lines[1]
     spare += count - parts[0].size
     if noise is None:
-        scores = squares / np.square(_cautious(spare, count, caution, settings.min_spare))
+        scores = squares / np.square(_cautious_spare(spare, count, caution, settings.min_spare))
     else:
         scores = squares / len(parts) - 2.0 * noise**2 * spare
     best = np.unravel_index(np.argmin(scores), scores.shape)
@@ -207,7 +207,7 @@ def smooth(
     )
 
 
-def _cautious(spare: Floats, count: int, caution: float, min_spare: float) -> Floats:
+def _cautious_spare(spare: Floats, count: int, caution: float, min_spare: float) -> Floats:
     """Freedom left of `count` values, if each degree that is spent counts `caution` times."""
     left = spare - (caution - 1.0) * (count - spare)
     return np.asarray(np.maximum(left, min_spare * spare))
