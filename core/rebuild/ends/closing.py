@@ -125,7 +125,7 @@ class End:
 
     @property
     def unseen(self) -> float:
-        """Height over the last contour."""
+        """Height of the end over the last contour."""
         return abs(self.height - self.rim)
 
     @property
@@ -280,7 +280,7 @@ def _first_root(trend: Trend, max_imaginary_ratio: float) -> float:
 def free_shoulder(
     depths: Floats, radii: Floats, scatter: float, settings: ClosingSettings
 ) -> float | None:
-    """As `free_pole`, of the end of the superellipse that fits the last contours best."""
+    """As `free_pole`, but the end of the superellipse that fits the last contours best."""
     untouched, fourth = settings.untouched, -1 - N_TREND_CONTOURS
     if len(depths) < untouched.min_shoulder_contours:
         return None

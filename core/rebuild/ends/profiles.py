@@ -99,7 +99,7 @@ class RoundCurve:
         return 0.0 if isinstance(self.profile, Conic) else self.profile.trend
 
     def _flared(self, place: Floats, first: Floats, second: Floats) -> tuple[Floats, ...]:
-        """The same with the trend of the radius along the height, by the product rule."""
+        """Place and derivatives times the trend of the radius, by the product rule."""
         more = 1.0 + self._trend * place[:, :1]
         along = self._trend * first[:, :1]
         radius = (

@@ -134,15 +134,15 @@ def find_edges(bent: Floats, points: Floats, normals: Floats) -> Edges | None:
 
 
 def _thinned(places: Floats) -> Floats:
-    """Some of the places, one in each cube of an edge `spacing`."""
+    """One of the places in each cube with an edge of `spacing`."""
     _, first = np.unique(np.floor(places / EDGES.spacing), axis=0, return_index=True)
     return places[np.sort(first)]
 
 
 def _side_masks(normals: Floats) -> list[tuple[Bools, Floats]]:
-    """Which points (n,) belong to each side, by their normals (n, 3), and its mean normal.
+    """Mask (n,) of the points of each face, by their normals (n, 3), and its mean normal.
 
-    The side of the most points comes first; no point belongs to two sides.
+    The face with the most points comes first; no point belongs to two faces.
     """
     alike = normals @ normals.T > math.cos(EDGES.cone)
     left, sides = np.ones(len(normals), np.bool_), list[tuple[Bools, Floats]]()

@@ -106,13 +106,13 @@ def _drawn_touches(solution: Solution, settings: LeaveOutSettings, count: int | 
 
 
 class _Sketch(NamedTuple):
-    """Rows of a touch in few directions of the control values: rows = inner @ directions.T."""
+    """Rows of a touch by few directions of the control values: rows = inner @ directions.T."""
 
     rows: NDArray[np.int64]  # Numbers of its points among the equations', (m,)
     controls: Ints  # Control values that they depend on, (l,)
     directions: Floats  # (l, d)
     inner: Floats  # (4 m, d)
-    displacing: Floats  # What a displacement of the touch adds to its rows, (4 m, 3)
+    displacing: Floats  # Derivative of its rows by the displacement of the touch, (4 m, 3)
 
 
 def _sketch(solution: Solution, touch: int, settings: LeaveOutSettings) -> _Sketch:

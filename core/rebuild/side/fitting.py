@@ -181,7 +181,7 @@ def _best_cautious(
 def reparametrised(
     rows: ContourRows, axial_parameter: AxialParameter, power: float
 ) -> AxialParameter:
-    """The same parameter with steps of a power of the arc length from row to row."""
+    """The parameter, changed to steps from row to row that are a power of the arc length."""
     low, high, grid = axial_parameter.low, axial_parameter.high, rows.grid
     places = axial_parameter.of(np.concatenate([[low], rows.heights, [high]]))
     first, last = (

@@ -107,7 +107,7 @@ class ContourLoft:
 
     @property
     def scatter(self) -> float:
-        """The same: contours do not show errors of poses."""
+        """As `sigma`, since contours do not show errors of poses [m]."""
         return self.health.sigma
 
     @property

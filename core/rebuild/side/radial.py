@@ -84,7 +84,7 @@ class DetailSettings:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Drift:
-    """Error of a spline by shifts of the touches, which are known relative to each other alone."""
+    """Error of a spline by common shifts of touches: only relative shifts are determined."""
 
     sigma: float  # standard deviation of a point of weight 1 beside the shifts [m]
     along: Floats  # half the system, from the shifts, (shifts, coefficients)
@@ -246,7 +246,7 @@ def fit_side_spline(
     draft: bool = False,
     settings: DetailSettings = DetailSettings(),
 ) -> RadialSpline:
-    """As `fit_radial_spline`, with few coefficients around where these follow about as well."""
+    """As `fit_radial_spline`, with few coefficients around where they fit about as well."""
     few = fit_radial_spline(contacts, axis_curve, low, high, around=settings.n_few)
     residual = float(np.sqrt(np.mean(few.misfits**2)))
     if draft and residual <= settings.max_draft_residual * (high - low):
