@@ -38,7 +38,7 @@ from palpate.core.rebuild.ends.profiles import (
 EndKind = Literal["flat", "conic", "superellipse", "flared", "rounded", "pole", "fan"]
 ProfileKind = Literal["flat", "conic", "superellipse", "flared", "rounded"]
 Family = Callable[[Floats, Floats, float, ProfileSettings], Profile]
-# The plainest first.
+# The plainest first: of families that predict about as well, the first one is taken.
 FAMILIES: dict[ProfileKind, Family] = {"flat": flat, "conic": conic, "superellipse": superellipse}
 # Of rows so close together that they show how a leaning wall is rounded.
 DENSE_FAMILIES: dict[ProfileKind, Family] = {"flat": flat, "conic": conic, "flared": flared}
@@ -48,8 +48,8 @@ DENSE_FAMILIES: dict[ProfileKind, Family] = {"flat": flat, "conic": conic, "flar
 class UntouchedEndSettings:
     """When contours alone determine where an end closes, in a pole or in a shoulder."""
 
-    max_pole_misfit: float = 0.03  # fraction of the squared radius that tests the quadratic
-    pole_sigmas: float = 4.0  # standard deviations of that radius, in addition
+    max_pole_misfit: float = 0.03  # error of the fourth squared radius by the quadratic, relative
+    pole_sigmas: float = 4.0  # standard deviations of that radius, added to this limit
     max_pole_distance: float = 2.0  # [spacings of the last contours] beyond the last contour
     # Squared radius of the last contour over that of the fourth from it: an end is near only if
     # the contours have begun to narrow.
@@ -57,11 +57,11 @@ class UntouchedEndSettings:
     # Imaginary over real part of a root: noise makes a double root complex.
     max_imaginary_ratio: float = 0.15
     min_shoulder_contours: int = 12  # fewer lie too far apart to show how an edge is rounded
-    min_shoulder_height: float = 0.02  # [spacings] over the last contour
-    max_shoulder_height: float = 1.0  # [spacings]
+    min_shoulder_height: float = 0.02  # [spacings] least height of the end over the last contour
+    max_shoulder_height: float = 1.0  # [spacings] largest one
     n_shoulder_heights: int = 48  # heights that are tried
-    max_shoulder_misfit: float = 0.004  # fraction of the largest radius
-    shoulder_sigmas: float = 2.0  # standard deviations of a mean radius, in addition
+    max_shoulder_misfit: float = 0.004  # rms misfit, as a fraction of the largest radius
+    shoulder_sigmas: float = 2.0  # standard deviations of a mean radius, added to this limit
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -84,15 +84,15 @@ class FamilySettings:
     n_dense_left_out: tuple[int, int] = (5, 8)
     max_edge_ratio: float = 0.2  # misfit of a shoulder or an arc, over that of a sharp edge
     max_shoulder_ratio: float = 0.5  # misfit of an arc, over that of a shoulder, which is similar
-    max_arc_misfit: float = 8e-4  # fraction of the last radius
-    arc_sigmas: float = 3.5  # standard deviations of a mean radius, in addition; rows err together
+    max_arc_misfit: float = 8e-4  # rms misfit, as a fraction of the last radius
+    arc_sigmas: float = 3.5  # standard deviations of a mean radius, added: errors are correlated
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ClosingSettings:
     """How a stack of contours is closed; tuned on the shipped scenes with 5 and 9 contours."""
 
-    min_gap: float = 1e-6  # fraction of the contours' range, of an end from the last contour
+    min_gap: float = 1e-6  # fraction of the contours' range; a nearer end lies at the last contour
     n_axis_contours: int = 3  # contours whose middles determine the direction of the axis
     untouched: UntouchedEndSettings = UntouchedEndSettings()
     family: FamilySettings = FamilySettings()
@@ -125,7 +125,7 @@ class End:
 
     @property
     def unseen(self) -> float:
-        """Height over the last contour."""
+        """Height of the end over the last contour."""
         return abs(self.height - self.rim)
 
     @property
@@ -280,7 +280,7 @@ def _first_root(trend: Trend, max_imaginary_ratio: float) -> float:
 def free_shoulder(
     depths: Floats, radii: Floats, scatter: float, settings: ClosingSettings
 ) -> float | None:
-    """As `free_pole`, of the end of the superellipse that fits the last contours best."""
+    """As `free_pole`, but the end of the superellipse that fits the last contours best."""
     untouched, fourth = settings.untouched, -1 - N_TREND_CONTOURS
     if len(depths) < untouched.min_shoulder_contours:
         return None
@@ -309,7 +309,7 @@ def _chosen_profile(
     samples: EdgeSamples | None,
     settings: ClosingSettings,
 ) -> tuple[ProfileKind, Profile]:
-    """Family and profile of an end at an outward coordinate; `samples` have to be met as well."""
+    """Family and profile of an end at an outward coordinate; `samples` decide it, if any."""
     depths, radii, family = stack.depths, stack.radii, settings.family
     families = DENSE_FAMILIES if dense else FAMILIES
     if len(depths) < family.min_contours:

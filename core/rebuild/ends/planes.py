@@ -257,7 +257,7 @@ def _end_contacts(
 
 
 class Shear(NamedTuple):
-    """By how much heights are moved; places are in the slicing frame [m]."""
+    """A shift of heights that is linear in x and y; places are in the slicing frame [m]."""
 
     middle: Floats  # where heights are not moved, (2,)
     slopes: Floats  # at the height 0 of the levelled space, (2,)

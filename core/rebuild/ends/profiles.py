@@ -19,7 +19,7 @@ from numpy.polynomial import polynomial
 
 from palpate.core.arrays import Floats
 
-# Newton's method converges from one side from its start, and stops before.
+# A limit that is not reached: Newton's method converges from one side, and stops earlier.
 MAX_NEWTON_STEPS = 60
 # Ratio of a radius to the last contour's below which a curvature is that at this ratio: at the tip
 # of some superellipses it is unbounded.
@@ -31,19 +31,19 @@ N_TREND_CONTOURS = 3  # contours that determine a quadratic
 class ProfileSettings:
     """How each family is fitted to the last contours; tuned on the shipped scenes."""
 
-    max_flare: float = 0.5  # relative growth of the radius along the wall of a flat end
-    min_cone_slope: float = 1e-6  # of a conic, over a cone's -1; nearer to it, it is a cone
+    max_flare: float = 0.5  # largest relative growth of the radius from the rim to a flat end
+    min_cone_slope: float = 1e-6  # least distance of a conic's slope from -1; nearer, a cone
     n_shoulder_contours: int = 6  # contours to which a superellipse is fitted
     shoulder_start: int = 10  # contour, counted from the end, at which a superellipse is widest
-    exponents_per_octave: int = 8  # of superellipses, from 1 on; those of a ball are among them
-    max_exponent: float = 32.0
-    max_flared_exponent: float = 128.0  # of close contours, which show sharper edges
-    min_trend: float = -0.9  # relative change of a flared wall's radius from begin to end
-    max_trend: float = 2.0
-    min_end_gap: float = 1e-9  # fraction of the fitted height, of a contour from the end
+    exponents_per_octave: int = 8  # exponents that are tried, from 1; 2, a ball's, is one of them
+    max_exponent: float = 32.0  # largest that is tried; larger, sharper edges
+    max_flared_exponent: float = 128.0  # the same of dense rows, which show sharper edges
+    min_trend: float = -0.9  # least relative change of a flared wall's radius from begin to end
+    max_trend: float = 2.0  # largest one
+    min_end_gap: float = 1e-9  # least distance of a contour from the end, over the fitted height
     n_rows: int = 9  # rows of the side to which an arc is fitted
-    # Radius of an arc over the height from the last row to the end. A ratio below 1 would begin
-    # where nothing was touched.
+    # Largest radius of an arc over the height from the last row to the end. The least is 1: a
+    # smaller arc would begin beyond the last row, where no row shows it.
     max_arc_ratio: float = 12.0
     n_arcs: int = 49  # radii that are tried
     min_disc: float = 0.05  # fraction of the last row's radius, of the disc inside an arc
@@ -99,7 +99,7 @@ class RoundCurve:
         return 0.0 if isinstance(self.profile, Conic) else self.profile.trend
 
     def _flared(self, place: Floats, first: Floats, second: Floats) -> tuple[Floats, ...]:
-        """The same with the trend of the radius along the height, by the product rule."""
+        """Place and derivatives times the trend of the radius, by the product rule."""
         more = 1.0 + self._trend * place[:, :1]
         along = self._trend * first[:, :1]
         radius = (

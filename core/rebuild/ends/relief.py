@@ -28,19 +28,19 @@ class ReliefSettings:
     face by much more than where it was touched.
     """
 
-    degree: int = 4  # of the polynomial
-    min_face_fraction: float = 0.9  # of that height; taxels beyond it lie on the face
-    inner_radius: float = 0.7  # fraction of the rim's radius
+    degree: int = 4  # of the polynomial; larger follows finer shapes
+    min_face_fraction: float = 0.9  # of the height from rim to end; taxels beyond are on the face
+    inner_radius: float = 0.7  # fraction of the rim's radius, within which touches are counted
     min_touches: int = 3  # on the face within that radius
     n_deviations: int = 25  # prior standard deviations of the coefficients that are tried
-    min_deviation: float = 1e-4  # fraction of the radius
-    max_deviation: float = 3e-2  # fraction of the radius
-    decay: float = 0.5  # ratio of the squared coefficients from one degree to the next
-    n_correlated: float = 8.0  # taxels that err together: neighbours share what a polynomial misses
-    min_noise: float = 0.01  # fraction of the pitch: a sensor resolves no smaller difference
+    min_deviation: float = 1e-4  # least of these, as a fraction of the radius
+    max_deviation: float = 3e-2  # largest of these, as a fraction of the radius
+    decay: float = 0.5  # prior ratio of squared coefficients from one degree to the next
+    n_correlated: float = 8.0  # neighbouring taxels with the same error, which a polynomial misses
+    min_noise: float = 0.01  # least noise, as a fraction of the pitch: the sensor's resolution
     min_spare: float = 1.0  # spare equations for each coefficient
     min_log_likelihood_ratio: float = 3.0  # over that of no relief
-    min_relief: float = 5e-4  # fraction of the radius; less is none
+    min_relief: float = 5e-4  # fraction of the radius; a smaller relief (rms) is left out
     max_rise_ratio: float = 2.0  # largest rise on the face over the largest where it was touched
     n_rings: int = 8  # rings of equal area at which the relief's error is averaged
 
@@ -116,7 +116,7 @@ def end_fractions(
 ) -> tuple[Floats, Floats]:
     """Fractions (n,) of the height to an end at which places (n, 3) lie on its profile.
 
-    And their distances (n,) from its axis over those of the last row (k, 2). The profile is
+    Also their distances (n,) from its axis, over those of the last row (k, 2). The profile is
     inverted by interpolation between `n_fractions` places.
     """
     centre = area_centroid(row)
@@ -141,7 +141,7 @@ def _coefficients(
     noise: float,
     settings: ReliefSettings,
 ) -> tuple[Floats, Floats]:
-    """Coefficients of the likeliest prior, over sizes (k,), and their covariance [m]."""
+    """Coefficients [m] with the likeliest prior, a multiple of `sizes`, and covariance [m^2]."""
     both = np.concatenate([rows, np.eye(int(touch.max()) + 1)[touch]], axis=1)
     normal, right = both.T @ both / noise**2, both.T @ above / noise**2
     count = rows.shape[1]

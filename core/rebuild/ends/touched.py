@@ -27,13 +27,13 @@ class EndHeightSettings:
     """How the height of an end is estimated from its touches."""
 
     contacts: EndContactSettings = field(default_factory=EndContactSettings)
-    max_level_angle: float = math.radians(0.5)  # [rad] of the plane of a level touch
-    min_touches: int = 3  # on a level face or a dome, for its height to be theirs
-    max_sigmas: float = 3.0  # standard deviations of a touch's height below the mean of higher ones
-    max_level_sigmas: float = 4.0  # the same of level touches, which scatter but do not fall away
+    max_level_angle: float = math.radians(0.5)  # [rad] largest slope of the plane of a level touch
+    min_touches: int = 3  # on a level face or a dome, to determine its height
+    max_sigmas: float = 3.0  # standard deviations below higher touches' mean, to be averaged
+    max_level_sigmas: float = 4.0  # the same of level touches, which are all of one height
     min_dome_normal: float = 0.995  # axial component of the normals that belong to a dome
     max_dome_depth: float = 0.01  # fraction of the extent, below the farthest taxel of a dome
-    taxel_error_ratio: float = 0.1  # error of a taxel or of the quadric, over a pose's
+    taxel_error_ratio: float = 0.1  # error of a taxel or of the quadric over a pose's error
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -41,8 +41,8 @@ class EdgeSampleSettings:
     """When touches between the last row and an end show the shape of its edge."""
 
     n_bins: int = 12  # heights between the row and the end at which radii are averaged
-    n_sectors: int = 12  # of a turn
-    min_sectors: int = 4  # touched at a height: a single one may be a feature
+    n_sectors: int = 12  # parts of a turn in which touches are counted
+    min_sectors: int = 4  # sectors touched at a height; fewer may be a feature of one side
     min_radial_normal: float = 0.2  # radial component of a normal; level faces have no radius
     min_mean_normal: float = 0.4  # the same on average: on a face that leans over there is no edge
     min_height: float = 0.6  # fraction of the height to the end, below which all edges are alike
@@ -58,9 +58,9 @@ class TouchedEndSettings:
 
     n_rows: int = 14  # rows of the side that determine the profile of the end
     rows_height: float = 0.15  # fraction of the side's height, over which they lie
-    max_lean: float = 0.15  # fraction of the row's radius, of the middle from the rows' axis
-    middle_weight: float = 2.0  # of the middle on the rows' axis, in points touched at the end
-    n_iterations: int = 4  # of the middle, about which azimuths are measured
+    max_lean: float = 0.15  # of the row's radius: a middle farther off the axis is sampled again
+    middle_weight: float = 2.0  # of the prior, the middle on the rows' axis, in contact points
+    n_iterations: int = 4  # fits of the middle, with azimuths about the one before
     max_center_offset: float = 1.0  # of the row's radius; a middle beyond it is rejected
     edge: EdgeSampleSettings = EdgeSampleSettings()
     closing: ClosingSettings = field(default_factory=ClosingSettings)
@@ -126,7 +126,7 @@ def _touched_heights(
 
 
 def _highest_mean(heights: Floats, tolerance: float) -> float:
-    """Mean of the highest, down to the first that lies below the mean so far by a tolerance."""
+    """Mean of the highest, down to the first that lies more than `tolerance` below their mean."""
     falling = np.sort(heights)[::-1]
     means = np.cumsum(falling) / np.arange(1, len(falling) + 1)
     below = np.flatnonzero(falling[1:] < means[:-1] - tolerance)

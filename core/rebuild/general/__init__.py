@@ -1,8 +1,8 @@
-"""A solid of any genus from whatever was touched.
+"""A solid of any genus from touched points with normals.
 
-`rebuild_general` answers a `GeneralSolid`: topology from a coarse solution, then an implicit spline
-over a narrow band of cells, whose control values are a lattice. Weights and sizes of cells may be
-tuned. It rests on core geometry and the points of `palpate.core.rebuild.contours`.
+`rebuild_general` returns a `GeneralSolid`: topology from a coarse solution, then an implicit spline
+over a narrow band of cells, whose control values lie on a grid. `SPLINES` holds the weights and the
+sizes of cells. It rests on core geometry and the points of `palpate.core.rebuild.contours`.
 """
 
 from palpate.core.rebuild.general.edges import (

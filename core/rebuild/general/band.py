@@ -20,7 +20,7 @@ from palpate.reprs import readable
 ORDER = 4  # Of the splines along each axis: cubics
 N_LOCAL = ORDER**3  # Control values over a cell
 MAX_COORDINATE = 1 << 19  # [cells] from the origin: three such coordinates fit a 64-bit key
-N_GAUSS = 5  # Points along an axis: products of derivatives of cubics are integrated exactly
+N_GAUSS = 5  # Quadrature points an axis: products of derivatives of cubics are exact
 CORNERS = np.stack(np.meshgrid(*[np.arange(ORDER)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
 
 
@@ -40,7 +40,7 @@ class Band:
         return np.where(keys[at] == wanted, at, -1).astype(np.int32)
 
     def locate(self, places: Floats) -> tuple[Ints, Floats]:
-        """Number of the cell (k,) of each place (k, 3), -1 outside, and where in it, (k, 3)."""
+        """Cell number (k,) of each place (k, 3), -1 outside, and the offset in it, (k, 3)."""
         corners = np.floor(places)
         return self.find(corners.astype(np.int32)), places - corners
 
@@ -53,7 +53,7 @@ class Band:
         return value, gradient
 
     def evaluate_in(self, values: Floats, number: Ints, offsets: Floats) -> tuple[Floats, Floats]:
-        """The same in cells of these numbers (k,), at places (k, 3) in them."""
+        """Value and gradient in cells of these numbers (k,), at offsets (k, 3) in the cells."""
         control = values[self.local[number]].reshape(-1, 4, 4, 4)
         (x, y, z), (dx, dy, dz) = (_cubics(offsets, order).transpose(1, 0, 2) for order in range(2))
         # Direction by direction: a tenth of the work of 64 products for each of the four.
@@ -68,7 +68,7 @@ class Band:
 
 
 def make_band(cells: Ints) -> Band:
-    """The band of cells (k, 3), in any order, perhaps repeated; ValueError if none, or too far."""
+    """The band of cells (k, 3), in any order, possibly repeated; ValueError if none, or too far."""
     if not len(cells) or np.abs(cells).max() >= MAX_COORDINATE:
         raise ValueError(
             f"a band must have cells within {MAX_COORDINATE} of the origin, got {len(cells)}"
@@ -95,7 +95,7 @@ def basis_values(offsets: Floats) -> Floats:
 
 
 def basis_rows(offsets: Floats) -> Floats:
-    """Their values and gradients, (4, k, 64)."""
+    """Values and gradients of the 64 splines at places (k, 3) in a cell, (4, k, 64)."""
     values, slopes = (_cubics(offsets, order) for order in range(2))  # (k, 3, 4)
     return np.stack(
         [_products(values, values, values)]
@@ -128,7 +128,7 @@ def _cubics(t: Floats, order: int) -> Floats:
 
 @cache
 def cell_integrals() -> tuple[Floats, Floats]:
-    """Over one cell: of all squared third derivatives, and of the square, (64, 64) each."""
+    """Quadratic forms (64, 64) over one cell: squared third derivatives, and squared values."""
     nodes, weights = np.polynomial.legendre.leggauss(N_GAUSS)
     at = 0.5 * (nodes + 1.0)
     forms = [
@@ -137,7 +137,7 @@ def cell_integrals() -> tuple[Floats, Floats]:
     ]
     third = np.zeros((N_LOCAL, N_LOCAL))
     for orders in product(range(4), repeat=3):
-        if sum(orders) == 3:  # as often as derivatives along the axes can follow one another
+        if sum(orders) == 3:  # times: orders in which the derivatives can be taken
             times = 6 // prod(factorial(order) for order in orders)
             third += times * _kron(*(forms[order] for order in orders))
     return third, _kron(forms[0], forms[0], forms[0])
@@ -148,5 +148,5 @@ def _kron(x: Floats, y: Floats, z: Floats) -> Floats:
 
 
 def cells_between(mask: Bools, corner: Ints) -> Ints:
-    """Cells (k, 3) where a mask of cells whose first is `corner` is set."""
+    """Cells (k, 3) where a mask is set, whose first element is the cell `corner`."""
     return (np.column_stack(np.nonzero(mask)) + corner).astype(np.int32)

@@ -1,11 +1,11 @@
 """Cholesky factors of equations over the cells of a band, by nested dissection.
 
-Cells are halved across their longest extent until few are left; control values that lie in one half
-alone are eliminated there, and what is left of both halves meets at their border (George, *Nested
+Cells are halved across their longest extent until a part is small; control values of one half alone
+are eliminated there, and the rest of both halves is summed at their border (George, *Nested
 dissection of a regular finite element mesh*, 1973; fronts as Duff and Reid, 1983). All work is in
-dense blocks. Of a shell of n cells the largest border has some sqrt(n) of them, where a banded
-matrix has as many in each of its rows: an object of 200 cm^2 takes a tenth of the time. Own code:
-scipy factors no sparse symmetric matrix but as a general one.
+dense blocks. The largest border in a shell of n cells has about sqrt(n) cells, where every row of a
+banded matrix has as many: an object of 200 cm^2 takes a tenth of the time. It is our own code, as
+scipy factors a sparse symmetric matrix only as a general one.
 """
 
 from __future__ import annotations
@@ -22,29 +22,29 @@ from palpate.core.arrays import Floats, Ints
 
 Longs = NDArray[np.int64]
 
-MAX_LEAF = 192  # Cells of a part that is not halved: it changes the time, not the solution
-RIDGE = 1e-9  # Of the largest diagonal: it fixes control values that no equation determines
+MAX_LEAF = 192  # Most cells of a part that is not halved; it affects the time only
+RIDGE = 1e-9  # Added to the diagonal, over its largest: for undetermined control values
 
 
 class Front(NamedTuple):
-    """Equations of a part of the cells."""
+    """One part of the cells, whose own control values are eliminated together."""
 
-    cells: Longs  # Of a part that is not halved; none of others
-    parts: tuple[int, ...]  # Numbers of the two halves, which come before it
+    cells: Longs  # Numbers of its cells if it is not halved, else empty
+    parts: tuple[int, ...]  # Numbers of the fronts of its two halves, which come before it
     own: Longs  # Control values that are eliminated here, (k,)
-    border: Longs  # Control values that it shares with others, as they are eliminated there, (b,)
+    border: Longs  # Control values that are eliminated in later fronts, in that order, (b,)
 
 
 class Dissection(NamedTuple):
-    """In which order control values are eliminated: the same for all equations over a band."""
+    """The order in which control values are eliminated, for all equations over a band."""
 
-    fronts: tuple[Front, ...]  # Halves before their whole
+    fronts: tuple[Front, ...]  # In the order of elimination: halves before their whole
     local: Ints  # Control values over each cell, (m, 64)
     size: int  # Number of control values
 
 
 def dissect(cells: Ints, local: Ints, count: int) -> Dissection:
-    """The order for cells (m, 3) whose control values are local (m, 64), of `count` in all."""
+    """The order for cells (m, 3) with the control values `local` (m, 64), of `count` in all."""
     order, spans = _halved(cells)
     position = np.empty(len(cells), np.int64)
     position[order] = np.arange(len(cells))
@@ -65,16 +65,16 @@ def dissect(cells: Ints, local: Ints, count: int) -> Dissection:
         fronts.append(Front(own, parts, mine, values[~inner]))
     turn = np.empty(count, np.int64)
     turn[np.concatenate([front.own for front in fronts])] = np.arange(count)
-    ordered = (front._replace(border=_by(turn, front.border)) for front in fronts)
+    ordered = (front._replace(border=_sorted_by(turn, front.border)) for front in fronts)
     return Dissection(tuple(ordered), local, count)
 
 
-def _by(turn: Longs, values: Longs) -> Longs:
+def _sorted_by(turn: Longs, values: Longs) -> Longs:
     return np.asarray(values[np.argsort(turn[values])])
 
 
 def _halved(cells: Ints) -> tuple[Longs, list[tuple[int, int, tuple[int, ...]]]]:
-    """Cells in an order in which each part is a stretch, and the stretches, halves first."""
+    """Order of the cells, in which each part is a range, and (begin, end, halves) of each part."""
     order = np.arange(len(cells), dtype=np.int64)
     spans: list[tuple[int, int, tuple[int, ...]]] = []
 
@@ -110,7 +110,7 @@ class Factor(NamedTuple):
         return self._substituted(solution)
 
     def draws(self, normal: Floats) -> Floats:
-        """Draws (n, k) whose covariance is the inverse of the equations, of normal ones (n, k)."""
+        """Draws (n, k) with the inverse of the equations as covariance, from normal ones (n, k)."""
         return self._substituted(normal.copy())
 
     def _eliminating(self) -> list[tuple[Front, Floats, Floats]]:
@@ -124,10 +124,10 @@ class Factor(NamedTuple):
         return solution
 
     def halves(self, right: scipy.sparse.csr_matrix) -> Iterator[tuple[Longs, Floats]]:
-        """The product of the inverse of the lower factor and a sparse right-hand side (n, k).
+        """The product F of the inverse of the lower factor and a sparse right-hand side (n, k).
 
-        Front by front: which columns (c,) have rows there, and these rows, (own, c). With all of
-        them F, the product F^T F is that of the right-hand side and the solution.
+        Front by front: the columns (c,) that are not 0 there, and the rows (own, c) of F. The
+        product F^T F is that of the right-hand side and the solution.
         """
         passed: dict[int, tuple[Longs, Longs, Floats]] = {}  # Columns, control values, rows
         place = np.empty(self.dissection.size, np.int64)
@@ -161,20 +161,20 @@ class Factor(NamedTuple):
 
 
 class Blocks(Protocol):
-    """Positive blocks (64, 64), one a cell."""
+    """Positive semidefinite blocks (64, 64), one a cell."""
 
     def of(self, cells: Longs) -> Floats:
-        """Those of some cells, (c, 64, 64)."""
+        """The blocks of some cells, (c, 64, 64)."""
 
     @property
     def largest(self) -> float:
-        """The largest diagonal element of all."""
+        """The largest diagonal element of all blocks."""
 
 
 def factorise(dissection: Dissection, blocks: Blocks) -> Factor:
     """The factor of the sum of the blocks of all cells."""
     corners, sides = [], []
-    left: dict[int, Floats] = {}  # Lower triangles over borders
+    left: dict[int, Floats] = {}  # Lower triangles over borders, not yet summed
     ridge = RIDGE * blocks.largest
     place = np.empty(dissection.size, np.int64)
     for number, front in enumerate(dissection.fronts):
@@ -182,10 +182,10 @@ def factorise(dissection: Dissection, blocks: Blocks) -> Factor:
         place[front.own], place[front.border] = np.arange(count), np.arange(count, size)
         if front.parts:
             below = [(left.pop(part), dissection.fronts[part].border) for part in front.parts]
-            corner, side, rest = _joined([(part, place[at]) for part, at in below], count, size)
+            corner, side, rest = _half_sum([(part, place[at]) for part, at in below], count, size)
         else:
             local = place[dissection.local[front.cells]]
-            corner, side, rest = _summed(local, blocks.of(front.cells), count, size)
+            corner, side, rest = _cell_sum(local, blocks.of(front.cells), count, size)
         corner[np.arange(count), np.arange(count)] += ridge
         if count:
             corner, _ = scipy.linalg.lapack.dpotrf(corner, lower=1, overwrite_a=1)
@@ -201,14 +201,14 @@ def factorise(dissection: Dissection, blocks: Blocks) -> Factor:
 
 
 class _Matrix(NamedTuple):
-    """Lower triangle of a front's equations, in columns."""
+    """Lower triangle of a front's equations, stored by columns."""
 
     corner: Floats  # Over its own control values, (k, k)
     side: Floats  # Below, over its border, (b, k)
     rest: Floats  # Over its border, (b, b)
 
 
-def _summed(local: Longs, blocks: Floats, count: int, size: int) -> _Matrix:
+def _cell_sum(local: Longs, blocks: Floats, count: int, size: int) -> _Matrix:
     """The sum of blocks (m, 64, 64) at places (m, 64) of a front of `size`, `count` its own."""
     flat = local[:, :, None] + size * local[:, None, :]
     sums = np.bincount(flat.ravel(), blocks.ravel(), size * size)
@@ -217,7 +217,7 @@ def _summed(local: Longs, blocks: Floats, count: int, size: int) -> _Matrix:
     return _Matrix(*(np.asarray(part, np.float64, order="F") for part in parts))
 
 
-def _joined(below: list[tuple[Floats, Longs]], count: int, size: int) -> _Matrix:
+def _half_sum(below: list[tuple[Floats, Longs]], count: int, size: int) -> _Matrix:
     """The sum of the lower triangles (b, b) that two halves leave, at ascending places (b,)."""
     shapes = (count, count), (size - count, count), (size - count, size - count)
     joined = _Matrix(*(np.zeros(shape, order="F") for shape in shapes))

@@ -1,16 +1,16 @@
-"""Sharp edges of a general solid: faces that meet there are fitted apart, and intersected.
+"""Sharp edges of a general solid: the faces that meet there are fitted separately and intersected.
 
-A spline bends over a cell or two, and rounds an edge off however many touches tell of it. Where it
-is bent much, touched points about a place are told apart by their normals, and each side is fitted
-as a paraboloid of its own. The solid is the intersection of both where they meet at a ridge, their
-union where they meet in a groove (as in *Robust moving least-squares fitting with sharp features*,
-Fleishman, Cohen-Or and Silva, 2005). We depart from it: an edge is taken for sharp only if points
-beside it, close to it on both sides, agree; or, where there are none, if that is so of most edges
-of the object. So edges that are rounded stay as the spline has them.
+A spline bends over a cell or two, and rounds an edge off however many touches lie on it. Where it
+is strongly bent, touched points about a place are divided into faces by their normals, and each
+face is fitted as a paraboloid. The solid is the intersection of both where they meet at a ridge,
+their union where they meet in a groove (as in *Robust moving least-squares fitting with sharp
+features*, Fleishman, Cohen-Or and Silva, 2005). We depart from it: an edge is sharp only if points
+close to it on both sides fit the two faces; or, where no points are so close, if most edges of the
+object are sharp. So rounded edges stay as the spline has them.
 
-Vertices of a mesh near to edges are moved onto these faces. Of each side of a triangle that crosses
-an edge one end is moved onto the edge itself, and to each corner the nearest vertex (as by Kobbelt
-et al., *Feature sensitive surface extraction from volume data*, 2001, where vertices are added).
+Vertices of a mesh near to edges are moved onto these faces. Where a side of a triangle crosses an
+edge, one of its ends is moved onto the edge; the vertex nearest to a corner is moved onto it (as by
+Kobbelt et al., *Feature sensitive surface extraction from volume data*, 2001, who add vertices).
 """
 
 from __future__ import annotations
@@ -28,42 +28,42 @@ from palpate.core.geometry import axes_across, point_tree
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EdgeSettings:
-    """Where edges are looked for, and when they are taken for sharp."""
+    """Where edges are searched, when they are sharp, and which vertices are moved onto them."""
 
-    min_bend: float = 0.5  # [rad] of the spline's surface about a place, over 3 mm
+    min_bend: float = 0.5  # [rad] of the spline's surface within 3 mm; edges are searched above it
     spacing: float = 2.5e-3  # [m] between places at which faces are fitted
-    reach: float = 8.0e-3  # [m] of the touched points that tell of the faces about a place
-    max_points: int = 300  # of these, the nearest
-    n_faces: int = 3  # that may meet at a place
-    cone: float = math.radians(28.0)  # [rad] of the normals of one face about their mean
-    apart: float = math.radians(40.0)  # [rad] from that mean, where normals of another may begin
+    reach: float = 8.0e-3  # [m] from a place, of the touched points to which its faces are fitted
+    max_points: int = 300  # nearest touched points that are used
+    n_faces: int = 3  # largest number of faces that meet at a place
+    cone: float = math.radians(28.0)  # [rad] largest angle of a face's normals to their mean
+    apart: float = math.radians(40.0)  # [rad] least angle of another face's normals to that mean
     min_points: int = 12  # of a face
-    bandwidth: float = 5.0e-3  # [m] standard deviation of the weights of points by distance
-    curvature: float = 30.0  # [1/m] standard deviation of a face's, before it is fitted
+    bandwidth: float = 5.0e-3  # [m] standard deviation of the Gaussian weights of points
+    curvature: float = 30.0  # [1/m] prior standard deviation of a face's curvature
     point_error: float = 0.05e-3  # [m] standard deviation of a touched point
-    outlier: float = 2.5  # deviations from which on a point counts as an outlier
+    outlier: float = 2.5  # standard deviations at which the rows of a point are halved
     min_angle: float = math.radians(40.0)  # [rad] between the faces at an edge
     max_shift: float = 5.0e-3  # [m] of an edge from the spline's surface
-    # An edge is sharp if this share of the touched points so near to it lies so near to the faces,
-    # and so many points of each face lie so near to it.
-    tested: float = 2.5e-3  # [m] from the edge
-    min_share: float = 0.75
-    fits: float = 0.12e-3  # [m] from the faces
-    beside: float = 1.5e-3  # [m] from the other face
-    min_beside: int = 2
-    # Where fewer points lie so near, most of the object's edges elsewhere tell: where this share of
-    # those that were tested is sharp, the others are taken for sharp as well.
-    min_tested: int = 6
-    usual_share: float = 0.7
-    moved: float = 4.5e-3  # [m] from an edge, up to where vertices are moved all the way
-    kept: float = 7.0e-3  # [m] from an edge, from where on they stay
-    n_blended: int = 3  # places on edges, the nearest, whose faces move a vertex
-    # Way of a vertex onto an edge, of the side's length that crosses it.
+    # An edge is sharp if a fraction of the touched points near to it fits the faces, and if each
+    # face has points close to the edge.
+    tested: float = 2.5e-3  # [m] from the edge: points that are tested
+    min_share: float = 0.75  # fraction of the tested points that must fit
+    fits: float = 0.12e-3  # [m] largest distance of a fitting point from the faces
+    beside: float = 1.5e-3  # [m] from the other face, up to which a point is close to the edge
+    min_beside: int = 2  # close points of each face
+    # An edge with fewer tested points is undecided: it is sharp if a fraction of the decided edges
+    # of the object is.
+    min_tested: int = 6  # points
+    usual_share: float = 0.7  # the fraction
+    moved: float = 4.5e-3  # [m] from an edge, up to which vertices are moved by the whole shift
+    kept: float = 7.0e-3  # [m] from an edge, beyond which vertices stay; between, they fade
+    n_blended: int = 3  # nearest places on edges, whose faces are averaged to move a vertex
+    # Largest shift of a vertex onto an edge, over the length of the triangle side that crosses it.
     max_way: float = 2.0
-    max_fold: float = math.radians(30.0)  # [rad] between ends of a triangle's side on one face
-    fit_rounds: int = 6  # of weighing outliers of a face
-    crease_rounds: int = 8  # of Newton's method onto two or three faces
-    move_rounds: int = 3  # of moving vertices onto the solid
+    max_fold: float = math.radians(30.0)  # [rad] between normals of one face; more is another face
+    fit_rounds: int = 6  # weighted fits of a face, to weigh outliers
+    crease_rounds: int = 8  # Newton steps onto two or three faces
+    move_rounds: int = 3  # steps of vertices onto the solid
 
 
 EDGES = EdgeSettings()
@@ -76,12 +76,12 @@ class Edges(NamedTuple):
     origins: Floats  # of the faces, (e, 3) [m]
     frames: Floats  # columns are two axes across and the mean normal of each face, (e, 3, 3, 3)
     coefficients: Floats  # of 1, x, y, x^2, x y, y^2 in the height over a frame, (e, 3, 6) [m]
-    # The solid is what the first two faces enclose together, and the third with these: of each two
-    # the intersection where they meet at a ridge, else the union. The third may be the second.
+    # Whether the first two faces meet at a ridge, and whether the third face and these two do: the
+    # solid is the intersection at a ridge, else the union. The third face may repeat the second.
     ridges: Bools  # (e, 2)
 
     def only(self, kept: Bools) -> Edges:
-        """Those where a mask (e,) is set."""
+        """The places and faces where a mask (e,) is set."""
         surfaces = self.origins[kept], self.frames[kept], self.coefficients[kept]
         return Edges(self.places[kept], *surfaces, self.ridges[kept])
 
@@ -104,7 +104,7 @@ class Edges(NamedTuple):
         return (z - height) / lengths, normals
 
     def active(self, which: Ints, distances: Floats) -> Ints:
-        """The face (n,) whose distance, of those (n, 3) from all, is that from the solid."""
+        """Number (n,) of the face that is the solid's surface, by distances (n, 3) from all."""
         ridges = self.ridges[which]
         rows = np.arange(len(which))
         of_two = np.where((distances[:, 0] > distances[:, 1]) == ridges[:, 0], 0, 1)
@@ -113,36 +113,36 @@ class Edges(NamedTuple):
 
 
 def find_edges(bent: Floats, points: Floats, normals: Floats) -> Edges | None:
-    """Sharp edges near to places (n, 3) [m] where a surface is much bent; None if there are none.
+    """Sharp edges near to places (n, 3) [m] of a strongly bent surface; None if there are none.
 
-    `points`, `normals` (k, 3): what was touched, where the fit has it [m].
+    `points` [m], `normals` (k, 3): touched points, displaced as they are in the fit.
     """
     tree, fitted, most = point_tree(points), [], np.arange(1, EDGES.max_points + 1)
-    for place in _spaced(bent):
+    for place in _thinned(bent):
         near = np.asarray(tree.query(place, most, distance_upper_bound=EDGES.reach)[1])
         near = near[near < len(points)]
         faces = [
             (_paraboloid(points[near][own] - place, mean), points[near][own].mean(axis=0))
-            for own, mean in _sides(normals[near])
+            for own, mean in _side_masks(normals[near])
         ]
         if len(faces) > 1:
-            fitted.append(_joined(place, faces))
+            fitted.append(_edge_row(place, faces))
     if not fitted:
         return None
     edges = Edges(*map(np.array, zip(*fitted, strict=True)))
     return _sharp_ones(edges, points)
 
 
-def _spaced(places: Floats) -> Floats:
-    """Some of the places, one in each cube of an edge `spacing`."""
+def _thinned(places: Floats) -> Floats:
+    """One of the places in each cube with an edge of `spacing`."""
     _, first = np.unique(np.floor(places / EDGES.spacing), axis=0, return_index=True)
     return places[np.sort(first)]
 
 
-def _sides(normals: Floats) -> list[tuple[Bools, Floats]]:
-    """Which points (n,) belong to each side, by their normals (n, 3), and its mean normal.
+def _side_masks(normals: Floats) -> list[tuple[Bools, Floats]]:
+    """Mask (n,) of the points of each face, by their normals (n, 3), and its mean normal.
 
-    The side of most points comes first, and none belongs to two of them.
+    The face with the most points comes first; no point belongs to two faces.
     """
     alike = normals @ normals.T > math.cos(EDGES.cone)
     left, sides = np.ones(len(normals), np.bool_), list[tuple[Bools, Floats]]()
@@ -166,17 +166,17 @@ class _Face(NamedTuple):
 
 
 def _paraboloid(points: Floats, normal: Floats) -> _Face:
-    """Fitted to points (n, 3) [m] that face along a normal; those near to the origin count most."""
+    """Paraboloid through points (n, 3) [m] about a normal, weighted by distance from the origin."""
     frame = np.column_stack([*axes_across(normal), normal])
     x, y, z = (points @ frame).T
     terms = np.column_stack([np.ones_like(x), x, y, x * x, x * y, y * y])
     shares = np.exp(-0.5 * (x * x + y * y) / EDGES.bandwidth**2) / EDGES.point_error
-    curved = 1.0 / EDGES.curvature**2
-    believed = np.diag([1.0, 1.0, 1.0, curved, curved, curved])  # a metre and 45 degrees are large
+    curved = 1.0 / EDGES.curvature**2  # [m^2]
+    prior = np.diag([1.0, 1.0, 1.0, curved, curved, curved])  # weak: 1 m of height, slope 1
     inlying, coefficients = np.ones(len(z)), np.zeros(6)
     for _ in range(EDGES.fit_rounds):
         rows = terms * (shares * inlying)[:, None]
-        squares = rows.T @ rows + believed
+        squares = rows.T @ rows + prior
         coefficients = np.linalg.solve(squares, rows.T @ (z * shares * inlying))
         off = np.abs(z - terms @ coefficients)
         scale = max(1.48 * float(np.median(off)), EDGES.point_error)
@@ -184,7 +184,7 @@ def _paraboloid(points: Floats, normal: Floats) -> _Face:
     return _Face(frame, coefficients)
 
 
-def _joined(
+def _edge_row(
     place: Floats, faces: list[tuple[_Face, Floats]]
 ) -> tuple[Floats, Floats, Floats, Floats, Bools]:
     """A row of `Edges`, of two or three faces and the mean of the points of each."""
@@ -196,12 +196,12 @@ def _joined(
         place[None], place[None], frames[None], coefficients[None], np.ones((1, 2), bool)
     )
     means = np.array([mean for _, mean in faces])
-    # Of a face at a ridge the other face's points lie inside.
+    # At a ridge, the points of each face lie inside the other face.
     inside = single.faces_at(np.zeros(3, np.int32), means)[0].T
     ridge = inside + inside.T < 0.0
     pairs = [(0, 1, 2), (0, 2, 1), (1, 2, 0)]
     alike = [bool(ridge[i, j]) for i, j, _ in pairs]
-    # The pair that meets otherwise than the two others is joined first.
+    # If one pair is a ridge and two are grooves, or the reverse, that one pair is joined first.
     first = alike.index(sum(alike) == 1) if 0 < sum(alike) < 3 else 0
     order = list(pairs[first])
     ridges = np.array([alike[first], alike[first - 1]])
@@ -209,7 +209,7 @@ def _joined(
 
 
 def _sharp_ones(edges: Edges, points: Floats) -> Edges | None:
-    """Those whose faces meet near to their places at an angle, as points beside them confirm."""
+    """The edges whose faces meet at an angle near to their places, confirmed by touched points."""
     numbers = np.arange(len(edges.places), dtype=np.int32)
     distances, normals = edges.faces_at(numbers, edges.places)
     pair = _crossing_pair(edges, numbers, distances, normals)
@@ -229,7 +229,7 @@ def _sharp_ones(edges: Edges, points: Floats) -> Edges | None:
 
 
 def _confirmed(edges: Edges, creases: Floats, pair: Ints, points: Floats) -> tuple[Ints, Bools]:
-    """How many points lie beside each crease (e, 3), and whether they agree with the faces there.
+    """Number of points near to each crease (e, 3), and whether they fit the faces there.
 
     `pair` (e, 2): the two faces that meet.
     """
@@ -248,7 +248,7 @@ def _confirmed(edges: Edges, creases: Floats, pair: Ints, points: Floats) -> tup
 
 
 def _crossing_pair(edges: Edges, which: Ints, distances: Floats, normals: Floats) -> Ints:
-    """The active face (n, 2) at places, and the nearest one that is another."""
+    """Numbers (n, 2) of the active face at places, and of the nearest face that differs from it."""
     rows = np.arange(len(which))
     active = edges.active(which, distances)
     alike = np.einsum("nfi,ni->nf", normals, normals[rows, active]) > math.cos(EDGES.max_fold)
@@ -268,7 +268,7 @@ def _onto_crease(edges: Edges, which: Ints, places: Floats, pair: Ints) -> tuple
 
 
 def _newton_step(distances: Floats, normals: Floats) -> Floats:
-    """What moves places (n, 3) off two or three faces, at distances (n, k), back onto all."""
+    """Step to subtract from places (n, 3) at distances (n, k) from k faces, to lie on all."""
     square = np.einsum("nai,nbi->nab", normals, normals) + 1e-6 * np.eye(normals.shape[1])
     shares = np.linalg.solve(square, distances[..., None])[..., 0]
     step = np.einsum("nai,na->ni", normals, shares)
@@ -316,13 +316,13 @@ def _corners(edges: Edges) -> Floats:
         places = places - _newton_step(distances, normals)
     cosines = np.einsum("nai,nai->na", normals, np.roll(normals, 1, axis=1))
     good = (cosines < math.cos(EDGES.min_angle)).all(axis=1)
-    return _spaced(places[good & (np.linalg.norm(places - edges.places, axis=1) < EDGES.moved)])
+    return _thinned(places[good & (np.linalg.norm(places - edges.places, axis=1) < EDGES.moved)])
 
 
 def _snapped(
     edges: Edges, vertices: Floats, faces: Ints, near: Ints, which: Ints, places: Floats
 ) -> Floats:
-    """Places (k, 3) of the vertices `near`; of a side across an edge one end is on it."""
+    """Places (k, 3) of the vertices `near`; of each side across an edge, one end is put on it."""
     distances, normals = edges.faces_at(which, places)
     pair = _crossing_pair(edges, which, distances, normals)
     facing = normals[np.arange(len(which)), pair[:, 0]]

@@ -149,7 +149,7 @@ def surface_errors(
     distances = np.asarray(scipy.spatial.cKDTree(fitted.points.places).query(places)[0])
     variances = scale * _variances(solution, covariance, places)
     middles, errors = _by_distance(distances, variances, cell)
-    errors = _smoother(errors, scale)
+    errors = _with_calibrated_growth(errors, scale)
     alone = solution.fit.displacements
     if fitted.shared is not None:
         alone = fitted.shared.without(alone)
@@ -179,7 +179,7 @@ def _by_distance(distances: Floats, variances: Floats, cell: float) -> tuple[Flo
     return np.array(middles), np.sqrt(rising + (ERRORS.min_error / cell) ** 2)
 
 
-def _smoother(errors: Floats, scale: float) -> Floats:
+def _with_calibrated_growth(errors: Floats, scale: float) -> Floats:
     """Errors by distance, whose growth is reduced where `scale` is below the usual calibration."""
     growing = min(scale / ERRORS.usual_calibration, 1.0)
     return np.asarray(np.sqrt(errors[0] ** 2 + growing * (errors**2 - errors[0] ** 2)))

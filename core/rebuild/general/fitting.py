@@ -1,26 +1,26 @@
-"""The implicit spline of least energy through touched points, and how far each touch was displaced.
+"""The implicit spline of least energy through touched points, and the displacement of each touch.
 
-With phi the spline, p a point, n its normal and d the displacement of its touch, what is minimised
-is the sum of (phi(p) + n d)^2 / point^2 and |grad phi - n|^2 / normal^2 over all points, of
-|d|^2 / pose^2 over all touches, and integrals over the band of variation * |D^3 phi|^2 and of
+With phi the spline, p a point, n its normal and d the displacement of its touch, the energy is the
+sum of (phi(p) + n d)^2 / point^2 and |grad phi - n|^2 / normal^2 over all points, and of
+|d|^2 / pose^2 over all touches, plus the integrals over the band of variation * |D^3 phi|^2 and of
 anchor * (phi - coarse)^2. It follows Calakli and Taubin, *SSD: smooth signed distance surface
-reconstruction*, 2011. We depart from it: displacements are estimated besides, which the pose error
-of a robot asks for; and third derivatives are held small where theirs are second ones, which draw
-every surface towards planes where nothing was touched. Without touch a ball is continued as a ball
-(as by Moreton and Sequin, *Functional optimization for fair surface design*, 1992): errors are half
-as large. Normals are weighed loosely: of those next to edges many are wrong by degrees. Points that
-no spline follows lose weight as a Cauchy distribution has it. The equations are summed cell by
-cell; displacements are eliminated, and found by conjugate gradients.
+reconstruction*, 2011. We depart from it: displacements are estimated as well, because of the pose
+errors of a robot; and third derivatives are penalised, where theirs are second ones, which draw
+every untouched surface towards a plane. With third ones a ball is continued as a ball (as by
+Moreton and Sequin, *Functional optimization for fair surface design*, 1992): errors are half as
+large. Normals have a large standard deviation: next to edges many are wrong by degrees. Outliers
+lose weight as with a Cauchy distribution. The equations are summed cell by cell; control values are
+eliminated, and displacements are found by conjugate gradients.
 
-Where an object was turned over, all touches since share six unknowns more: how it lies. Unknowns of
-a Gaussian prior that displacements share make these depend on each other: their prior covariance is
-pose^2 + C C^T with the columns C of what each unknown moves, and the inverse of that, by Woodbury's
-identity, is (1 - C (C^T C + pose^2)^-1 C^T) / pose^2.
+Where an object was turned over, all touches since then share six more unknowns: the object's pose.
+Unknowns with a Gaussian prior that displacements share make these depend on each other: their prior
+covariance is pose^2 + C C^T, where a column of C is the displacement by one unknown; its inverse,
+by Woodbury's identity, is (1 - C (C^T C + pose^2)^-1 C^T) / pose^2.
 
-With one touch more it is solved anew about that touch alone. Control values whose cells all lie
-near the touch are free, the others stay: the equations of these cells are summed again, of the
-points in them only, and solved densely. It takes the same time whatever the size of the object and
-the number of touches.
+One more touch is fitted locally. Control values whose cells all lie near the touch are free, the
+others are held: the equations of these cells are summed again, from the points in them only, and
+solved as a dense matrix. The time does not depend on the size of the object or the number of
+touches.
 """
 
 from __future__ import annotations
@@ -49,17 +49,17 @@ from palpate.core.rebuild.general.dissection import (
 )
 from palpate.reprs import readable
 
-MIN_POSE = 1e-9  # [cells] a variance of 0 has no inverse: exact poses count as this exact
+MIN_POSE = 1e-9  # [cells] least pose error: a variance of 0 has no inverse
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FitSettings:
-    """How exactly displacements are solved for, and where the spline is no distance."""
+    """How exactly displacements are solved for, and how values become distances."""
 
     max_steps: int = 15  # of conjugate gradients
-    residual: float = 0.03  # fraction of the right-hand side, at which they end
-    n_rows: int = 4096  # points whose rows are made at a time
-    min_slope: float = 0.3  # of the spline's gradient: a flatter spline is no distance
+    residual: float = 0.03  # fraction of the right-hand side, at which they stop
+    n_rows: int = 4096  # points whose rows are computed at a time: memory
+    min_slope: float = 0.3  # least norm of a gradient by which a value is divided for a distance
 
 
 FITS = FitSettings()
@@ -67,26 +67,26 @@ FITS = FitSettings()
 
 @readable
 class Weights(NamedTuple):
-    """What the terms of the energy are measured by; lengths in cells."""
+    """Standard deviations and weights of the energy's terms; lengths in cells."""
 
     point: float  # Standard deviation of a point
-    normal: float  # Of a normal, 1
-    pose: float  # Of a touch's displacement; 0 where poses are exact
-    variation: float
-    anchor: float
-    cauchy: float = 6.0  # Deviations from which on a point counts as an outlier
+    normal: float  # Standard deviation of a component of a unit normal
+    pose: float  # Standard deviation of a touch's displacement; 0 where poses are exact
+    variation: float  # Weight of squared third derivatives; larger is smoother
+    anchor: float  # Weight of the squared distance to the coarse solid
+    cauchy: float = 6.0  # Standard deviations at which a point has half its weight
 
 
 @readable
 class TouchedPoints(NamedTuple):
-    """Points in cells."""
+    """Touched points; lengths in cells."""
 
     places: Floats  # (n, 3)
-    normals: Floats  # (n, 3)
-    touch: Ints  # (n,), from 0 on
+    normals: Floats  # Outward unit normals (n, 3)
+    touch: Ints  # Number of each point's touch (n,), from 0 on
 
     def only(self, kept: Bools) -> TouchedPoints:
-        """Those where a mask (n,) is set; touches keep their numbers."""
+        """The points where a mask (n,) is set; touches keep their numbers."""
         return TouchedPoints(self.places[kept], self.normals[kept], self.touch[kept])
 
 
@@ -100,16 +100,16 @@ def touch_middles(places: Floats, touch: Ints) -> Floats:
 @readable
 @dataclass(frozen=True, slots=True, eq=False)
 class ImplicitFit:
-    """Control values of an implicit spline, and what the points say of it."""
+    """Control values of an implicit spline, and residuals and weights of the points."""
 
     band: Band
     control: Floats  # (n,)
     displacements: Floats  # Of each touch, (t, 3)
-    weights: Floats  # Of each point, (k,), from 0 to 1
-    residuals: Floats  # Of each point along its normal, its touch displaced, (k,)
+    weights: Floats  # Factor of each point's rows, (k,), from 0 to 1: root of its weight
+    residuals: Floats  # Of each point along its normal, after its displacement, (k,)
 
     def of_first(self, points: int, touches: int) -> ImplicitFit:
-        """What the first so many points and touches say of it."""
+        """The same with only the first `points` and `touches`."""
         return replace(
             self,
             weights=self.weights[:points],
@@ -119,33 +119,33 @@ class ImplicitFit:
 
 
 class Start(NamedTuple):
-    """What a fit is begun with, in cells."""
+    """Weights and displacements with which a fit starts; lengths in cells."""
 
-    weights: Floats  # Of each point, (k,), from 0 to 1
+    weights: Floats  # Factor of each point's rows, (k,), from 0 to 1
     displacements: Floats  # Of each touch, (t, 3)
 
     def begun(self, fit: ImplicitFit, scale: float) -> Start:
-        """With what a fit of the first touches found, in cells `scale` times as large."""
+        """With the results of a fit of the first touches, whose cells are `scale` times larger."""
         weights, displacements = self.weights.copy(), self.displacements.copy()
-        # What lay beside the band had no weight, and says nothing of outliers.
+        # Points beside the band had weight 0 without being outliers: they start at 1.
         weights[: len(fit.weights)] = np.where(fit.weights > 0.0, fit.weights, 1.0)
         displacements[: len(fit.displacements)] = scale * fit.displacements
         return Start(weights, displacements)
 
 
 def plain_start(points: int, touches: int) -> Start:
-    """Where nothing is known."""
+    """Start without an earlier fit: weights of 1, no displacements."""
     return Start(np.ones(points), np.zeros((touches, 3)))
 
 
 class Spline(NamedTuple):
-    """A fitted spline, and how large its cells are."""
+    """A fitted spline, and the size of its cells."""
 
     cell: float  # Edge of a cell, m
     fit: ImplicitFit
 
     def distances(self, places: Floats) -> Floats:
-        """Signed distances (n,) of places (n, 3) from the origin, m, to first order; NaN beyond."""
+        """Signed distances (n,) [m] to first order, of places (n, 3) from the origin; or NaN."""
         value, gradient = self.fit.band.evaluate(self.fit.control, places / self.cell)
         slope = np.maximum(np.linalg.norm(gradient, axis=1), FITS.min_slope)
         return np.asarray(self.cell * value / slope)
@@ -157,39 +157,39 @@ class Solution(NamedTuple):
     fit: ImplicitFit
     equations: Equations
     factor: Factor  # Of the equations of the control values alone
-    shares: Floats  # What each point of the equations weighs in them, (k,)
-    right: Floats  # What is asked of the control values, displacements apart, (n,)
+    shares: Floats  # Factor of the rows of each point of the equations, (k,)
+    right: Floats  # Right-hand side of the control values, without displacements, (n,)
 
     def coupling(self) -> scipy.sparse.csr_matrix:
-        """How control values (n,) and displacements (3 t,) depend on each other, (n, 3 t)."""
+        """Block (n, 3 t) of the equations, of control values (n,) and displacements (3 t,)."""
         equations = self.equations
         square = (self.shares / equations.scale.point) ** 2
         weighted = equations.displacing.multiply(square[:, None])
         return scipy.sparse.csr_matrix(equations.values.T @ weighted)
 
     def touch_blocks(self) -> Floats:
-        """Equations of each touch's displacement alone, (t, 3, 3)."""
+        """Diagonal blocks (t, 3, 3) of the equations, one a touch's displacement."""
         return touch_blocks(self.equations, self.shares)
 
     def row_weights(self, points: Longs) -> Floats:
-        """What divides value and gradient of some points by their deviations, (k, 4)."""
+        """Factors (k, 4) of value and gradient of some points: 1 over their deviations."""
         scale = self.equations.scale
         deviations = np.array([scale.point, *[scale.normal] * 3])
         return np.asarray(self.shares[points, None] / deviations)
 
 
 class SharedMotions(NamedTuple):
-    """What touches are displaced by together, in cells."""
+    """Displacements that touches share through common unknowns; lengths in cells."""
 
-    columns: Floats  # By each unknown, of standard deviation 1, (3 t, u)
-    pose: float  # Standard deviation of what each touch is displaced by beside that, not 0
+    columns: Floats  # Displacement by 1 of each unknown, whose prior deviation is 1, (3 t, u)
+    pose: float  # Standard deviation of the rest of each touch's displacement, not 0
 
     def of(self, displacements: Floats) -> Floats:
-        """What the displacements (t, 3) say of the unknowns, (u,)."""
+        """The likeliest unknowns (u,) by the displacements (t, 3)."""
         return np.asarray(np.linalg.solve(self._system(), self.columns.T @ displacements.ravel()))
 
     def without(self, displacements: Floats) -> Floats:
-        """What touches are displaced by, each for itself, (t, 3)."""
+        """The displacements (t, 3) less the part that touches share."""
         return displacements - (self.columns @ self.of(displacements)).reshape(-1, 3)
 
     def roots(self) -> Floats:
@@ -209,18 +209,18 @@ class Fitted(NamedTuple):
     spline: Spline
     solution: Solution
     points: TouchedPoints
-    control: Floats  # Of the coarse solid
+    control: Floats  # Distances from the coarse solid at the control values, (n,)
     weights: Weights
     shared: SharedMotions | None = None  # None where the object was never turned over
 
 
 class CellBlocks(NamedTuple):
-    """Blocks (64, 64) of the cells of a band, made when they are asked for: all fill memory."""
+    """Blocks (64, 64) of a band's cells, computed on demand: all would fill memory."""
 
-    offsets: Floats  # Places of the points in their cells, in the order of these, (k, 3)
-    scale: Floats  # What their rows are weighed with, (4, k)
+    offsets: Floats  # Places of the points in their cells, in the order of the cells, (k, 3)
+    scale: Floats  # Factors of their rows, of value and gradient, (4, k)
     cell: Ints  # Cell of each point, ascending, (k,)
-    regular: Floats  # What is in each block, (64, 64)
+    regular: Floats  # Part of each block without points: penalties, (64, 64)
 
     def of(self, cells: Longs) -> Floats:
         """The blocks of some cells, (c, 64, 64)."""
@@ -292,15 +292,15 @@ class Equations:
         )
 
     def blocks(self, shares: Floats, regular: Floats) -> CellBlocks:
-        """Sums of products of rows by cell, and what is regular in each, (64, 64).
+        """Sums of products of rows by cell, plus the penalties `regular` of each cell, (64, 64).
 
-        `shares` (k,) weigh the points.
+        `shares` (k,) are factors of the points' rows.
         """
         scale = np.array([self.scale.point, *[self.scale.normal] * 3])
         return CellBlocks(self.offsets, shares / scale[:, None], self.cell, regular)
 
     def right_side(self, shares: Floats) -> Floats:
-        """What the normals ask of the gradients, (n,)."""
+        """Part (n,) of the right-hand side by the normals, which are targets of the gradients."""
         asked = ((shares / self.scale.normal) ** 2)[:, None] * self.normals
         right = np.zeros(len(self.band.control))
         for begin in range(0, len(self.cell), FITS.n_rows):
@@ -311,7 +311,7 @@ class Equations:
         return right
 
     def misfits(self, control: Floats, displacements: Floats) -> tuple[Floats, Floats]:
-        """Residuals of points, (k,), and how far off the gradients are, (k,)."""
+        """Residuals (k,) of values at points, and norms (k,) of the residuals of gradients."""
         value = np.asarray(self.values @ control + self.displacing @ displacements.ravel())
         gradient = self.band.evaluate_in(control, self.cell, self.offsets)[1]
         return value, np.linalg.norm(gradient - self.normals, axis=1)
@@ -332,8 +332,8 @@ def fit_implicit(
 ) -> Solution:
     """The spline over a band; points outside it have no weight.
 
-    `coarse` (n,): the coarse solid at the control values, in cells. `start`: what points weigh, and
-    where displacements are looked for first. `dissection`: of the band, if it is known. `shared`:
+    `coarse` (n,): distances from the coarse solid at the control values [cells]. `start`: weights
+    of points and first guess of displacements. `dissection`: of the band, if known. `shared`:
     motions that touches share beside their own displacements.
     """
     equations = Equations(band, points, weights, len(start.displacements), dissection, shared)
@@ -352,7 +352,7 @@ def fit_implicit(
 def with_residuals(
     equations: Equations, count: int, control: Floats, displacements: Floats
 ) -> ImplicitFit:
-    """A solution of the equations, and what each of `count` points says of it."""
+    """A solution of the equations, with residuals and weights of `count` points."""
     scale = equations.scale
     value, tilt = equations.misfits(control, displacements)
     off = (value / scale.point) ** 2 + (tilt / scale.normal) ** 2
@@ -363,7 +363,7 @@ def with_residuals(
 
 
 def touch_blocks(equations: Equations, shares: Floats) -> Floats:
-    """Equations of each touch's displacement alone, (t, 3, 3)."""
+    """Diagonal blocks (t, 3, 3) of the equations, one a touch's displacement."""
     square = (shares / equations.scale.point) ** 2
     normals, touch, count = equations.normals.T, equations.touch, equations.count
     own = np.empty((count, 3, 3))
@@ -405,7 +405,7 @@ def _solve(
 def conjugate_gradients(
     apply: Callable[[Floats], Floats], right: Floats, inverse: Floats, start: Floats
 ) -> Floats:
-    """Displacements (t, 3) that solve a symmetric system, each touch's own block inverted."""
+    """Displacements (t, 3) that solve a system, preconditioned by the blocks' `inverse`."""
     solution = start
     residual = right - apply(solution) if start.any() else right
     turned = np.einsum("tij,tj->ti", inverse, residual)
@@ -426,9 +426,9 @@ def conjugate_gradients(
 def refit_locally(
     fit: ImplicitFit, before: TouchedPoints, touched: TouchedPoints, weights: Weights, reach: float
 ) -> ImplicitFit:
-    """The fit with the points of one touch more; control values change within a reach, cells.
+    """The fit with the points of one more touch; control values change within `reach` [cells].
 
-    `before`: the points it was fitted to, whose displacements and weights stay. Beyond: no weight.
+    `before`: the points it was fitted to, whose displacements and weights are held.
     """
     band = fit.band
     middles = band.cells + 0.5
@@ -487,7 +487,7 @@ class _LocalSystem:
     def add(self, points: TouchedPoints, shares: Floats, shift: Floats) -> tuple[Floats, Floats]:
         """Sum the rows of points in these cells, displaced by `shift` along their normals.
 
-        Returns how they depend on a displacement of all of them: (values, 3) and (3, 3).
+        Returns the blocks of the equations of a displacement of all: (values, 3) and (3, 3).
         """
         number, offsets = self.band.locate(points.places)
         inside = np.flatnonzero((number >= 0) & self.known[number])

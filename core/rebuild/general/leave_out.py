@@ -66,7 +66,7 @@ def solved_exactly(
     if count > settings.max_displaced:
         return solution, np.zeros((0, 0))
     covariance = _Inverse.of(solution, [], np.arange(count)).displacements
-    return _exact(solution, covariance), covariance
+    return _without_iteration(solution, covariance), covariance
 
 
 def leave_out(
@@ -83,11 +83,11 @@ def leave_out(
     displaced = np.arange(count) if whole else np.array(touches)
     inverse = _Inverse.of(solution, sketches, displaced)
     if whole:
-        solution = _exact(solution, inverse.displacements)
+        solution = _without_iteration(solution, inverse.displacements)
     place = {int(touch): number for number, touch in enumerate(displaced)}
     offsets = np.array(
         [
-            _left_out(
+            _offset_without(
                 solution, sketch, inverse.of_touch(number, place[touch]), settings.max_leverage
             )
             for number, (sketch, touch) in enumerate(zip(sketches, touches, strict=True))
@@ -106,13 +106,13 @@ def _drawn_touches(solution: Solution, settings: LeaveOutSettings, count: int | 
 
 
 class _Sketch(NamedTuple):
-    """Rows of a touch in few directions of the control values: rows = inner @ directions.T."""
+    """Rows of a touch by few directions of the control values: rows = inner @ directions.T."""
 
     rows: NDArray[np.int64]  # Numbers of its points among the equations', (m,)
     controls: Ints  # Control values that they depend on, (l,)
     directions: Floats  # (l, d)
     inner: Floats  # (4 m, d)
-    displacing: Floats  # What a displacement of the touch adds to its rows, (4 m, 3)
+    displacing: Floats  # Derivative of its rows by the displacement of the touch, (4 m, 3)
 
 
 def _sketch(solution: Solution, touch: int, settings: LeaveOutSettings) -> _Sketch:
@@ -203,7 +203,7 @@ def _columns(solution: Solution, sketches: list[_Sketch], width: int) -> scipy.s
     return scipy.sparse.csr_matrix((values, (rows, columns)), shape=shape)
 
 
-def _exact(solution: Solution, displacements: Floats) -> Solution:
+def _without_iteration(solution: Solution, displacements: Floats) -> Solution:
     """The solution without conjugate gradients: leaving out would enlarge what they leave."""
     coupling, factor = solution.coupling(), solution.factor
     moved = -displacements @ (coupling.T @ factor.solve(solution.right))
@@ -213,7 +213,7 @@ def _exact(solution: Solution, displacements: Floats) -> Solution:
     return solution._replace(fit=fit)
 
 
-def _left_out(
+def _offset_without(
     solution: Solution, sketch: _Sketch, inverse: Floats, max_leverage: float
 ) -> tuple[float, float]:
     """Mean squared offset of a touch's points from the fit without it, and its expectation."""

@@ -1,8 +1,8 @@
-"""Which way normals point: turned outwards by what they agree on, or refused.
+"""Normals turned outwards where they agree with each other, or refused where they do not.
 
-Normals that vary little from a point to those beside it belong to one patch, and point to one side
-of it (Hoppe et al., *Surface reconstruction from unorganized points*, 1992). Which side is outside
-is told by the convex hull: what lies on it can only point away from it.
+Points whose normals vary little from neighbour to neighbour form a patch, and their normals should
+point to one side of it (Hoppe et al., *Surface reconstruction from unorganized points*, 1992). The
+convex hull decides which side is outside: normals of points on it must point out of it.
 """
 
 from __future__ import annotations
@@ -22,24 +22,24 @@ from palpate.core.rebuild.contours import ContactPoints
 class OrientationSettings:
     """How normals are compared; tuned on balls, boxes, cups and plates with turned normals."""
 
-    n_neighbors: int = 8  # points beside each
-    min_alignment: float = 0.7  # |cosine| of two normals of one patch
-    max_offset: float = 0.5  # |cosine| between a normal and the way to a neighbour on its patch
-    min_patch: int = 4  # points of a patch that has a side of its own
-    max_unaligned: float = 0.5  # fraction of points without a patch, beyond which nothing agrees
-    max_minority: float = 0.35  # fraction of a patch that may point to the other side of it
-    max_unclear: float = 0.05  # fraction of points on patches beyond that
-    hull_distance: float = 0.01  # fraction of the extent: points as near lie on the hull
-    min_hull_cosine: float = 0.3  # between a normal and the hull's, to vote for a side
-    min_votes: int = 3  # of points on the hull
-    max_hull_points: int = 2000  # more vote no better
+    n_neighbors: int = 8  # nearest points with which each is compared
+    min_alignment: float = 0.7  # least |cosine| between normals of neighbours on one patch
+    max_offset: float = 0.5  # largest |cosine| between a normal and the direction to a neighbour
+    min_patch: int = 4  # points; those of smaller patches count as unaligned
+    max_unaligned: float = 0.5  # fraction of unaligned points, beyond which normals are refused
+    max_minority: float = 0.35  # fraction of a patch on its other side; more is unclear
+    max_unclear: float = 0.05  # fraction of points on unclear patches; more are refused
+    hull_distance: float = 0.01  # fraction of the extent, up to which points lie on the hull
+    min_hull_cosine: float = 0.3  # least cosine of a normal and the hull's, to vote for a side
+    min_votes: int = 3  # majority of votes that decides a side of a patch
+    max_hull_points: int = 2000  # used for the hull and its votes
 
 
 class Orientation(NamedTuple):
     """Normals that point outwards."""
 
     contacts: ContactPoints
-    turned: int  # How many were turned
+    turned: int  # Number of normals that were turned
 
 
 def oriented(
@@ -47,7 +47,7 @@ def oriented(
 ) -> Orientation:
     """The same points with their unit normals (n, 3) outwards.
 
-    Raises ValueError if normals disagree so that no side of the surface can be told.
+    Raises ValueError if normals disagree so much that the outside cannot be determined.
     """
     points, normals = contacts.points, np.asarray(contacts.normals)
     if len(points) <= settings.n_neighbors:
@@ -59,7 +59,7 @@ def oriented(
             f"patches.normals must agree with those beside them, got {share:.0%} that agree with "
             "none: are they normals of these points?"
         )
-    sign = _voted(points, normals, patch, sign, settings)
+    sign = _outward_signs(points, normals, patch, sign, settings)
     turned = int(np.count_nonzero(sign < 0.0))
     outward = contacts if not turned else contacts._replace(normals=normals * sign[:, None])
     return Orientation(outward, turned)
@@ -68,7 +68,7 @@ def oriented(
 def _patches(
     points: Floats, normals: Floats, settings: OrientationSettings
 ) -> tuple[NDArray[np.int32], Floats, Bools]:
-    """The patch of each point, its side of it, 1 or -1, (n,), and which points have none."""
+    """Of each point, its patch, the side of its normal, 1 or -1, and whether it is unaligned."""
     count = len(points)
     neighbors = scipy.spatial.cKDTree(points).query(points, k=settings.n_neighbors + 1)
     distances, near = np.asarray(neighbors[0]), np.asarray(neighbors[1])
@@ -82,12 +82,12 @@ def _patches(
     joined = np.abs(cosine) >= settings.min_alignment
     joined &= offset <= settings.max_offset * lengths
     rows, columns, cosine = rows[joined], columns[joined], cosine[joined]
-    cost = 1.0 + 1e-6 - np.abs(cosine)  # above 0, for an edge of 0 is none
+    cost = 1.0 + 1e-6 - np.abs(cosine)  # above 0: a sparse 0 is no edge
     tree = scipy.sparse.csgraph.minimum_spanning_tree(
         scipy.sparse.csr_array((cost, (rows, columns)), shape=(count, count))
     )
     n_patches, patch = scipy.sparse.csgraph.connected_components(tree, directed=False)
-    sign = _propagated(tree, normals, np.unique(patch, return_index=True)[1])
+    sign = _tree_signs(tree, normals, np.unique(patch, return_index=True)[1])
     # The side that most of a patch point to is +1.
     total = np.bincount(patch, sign, n_patches)
     sign *= np.where(total < 0.0, -1.0, 1.0)[patch]
@@ -95,7 +95,7 @@ def _patches(
     return patch.astype(np.int32), sign, (sizes < settings.min_patch)[patch]
 
 
-def _propagated(tree: scipy.sparse.csr_array, normals: Floats, first: NDArray[np.intp]) -> Floats:
+def _tree_signs(tree: scipy.sparse.csr_array, normals: Floats, first: NDArray[np.intp]) -> Floats:
     """The sign (n,) of each normal against that of the `first` (p,) of its patch, along trees."""
     count = len(normals)
     edges = tree.tocoo()
@@ -112,7 +112,7 @@ def _propagated(tree: scipy.sparse.csr_array, normals: Floats, first: NDArray[np
     return sign[:count]
 
 
-def _voted(
+def _outward_signs(
     points: Floats,
     normals: Floats,
     patch: NDArray[np.int32],
@@ -121,7 +121,7 @@ def _voted(
 ) -> Floats:
     """The sign (n,) of each normal, by the side on which the hull of all points lies.
 
-    A patch that does not reach the hull follows most of those that do.
+    A patch without enough votes takes the side of most points of the patches that have them.
     """
     sizes = np.bincount(patch)
     minority = np.bincount(patch, sign < 0.0) / sizes
@@ -142,7 +142,7 @@ def _voted(
 
 
 def _hull_votes(points: Floats, normals: Floats, settings: OrientationSettings) -> Floats:
-    """For each point on the convex hull, whether its normal points away from it, 1, or in, -1."""
+    """Votes (n,): 1 if a point on the hull has an outward normal, -1 if inward, else 0."""
     votes = np.zeros(len(points))
     stride = -(-len(points) // settings.max_hull_points)
     some = np.arange(0, len(points), stride)

@@ -1,9 +1,9 @@
-"""Touches of an object that was turned over: how each placement's touches are moved together.
+"""Touches of an object that was turned over: a rigid motion of the touches of each placement.
 
-How the object lies after it was turned is known from contacts of the hand, to a tenth or two of a
-millimetre. The rest is six unknowns of a placement, a turn and a shift, which are fitted with the
-solid and the displacements of single touches. They stay near to what contacts have told: where an
-object has sharp edges the energy of a smooth surface turns all touches of a placement together.
+The pose of the object after a turn is known from contacts of the hand, to one or two tenths of a
+millimetre. What is left are six unknowns of each placement, a turn and a shift, which are fitted
+with the solid and the displacements of single touches. A prior holds them near to the known pose:
+at sharp edges, a smooth surface would otherwise turn all touches of a placement together.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from palpate.core.rebuild.general.fitting import SharedMotions, TouchedPoints, t
 
 @dataclass(frozen=True, slots=True)
 class MotionSettings:
-    """How far a placement may be off before it is fitted: standard deviations."""
+    """Prior standard deviations of a placement's error; larger ones let the fit move it more."""
 
-    shift: float = 0.2e-3  # [m] along each axis, of the middle of its touches
+    shift: float = 0.2e-3  # [m] of the middle of its touches, along each axis
     turn: float = math.radians(0.4)  # [rad] about each axis
-    least_pose: float = 2.0e-6  # [m]: exact poses count as known no better
+    least_pose: float = 2.0e-6  # [m] least pose error of a touch: exact poses have this one
 
 
 MOTIONS = MotionSettings()
@@ -34,16 +34,16 @@ MOTIONS = MotionSettings()
 def shared_motions(
     points: TouchedPoints, placement: Ints, cell: float, pose: float
 ) -> SharedMotions | None:
-    """The motions of the later placements that touches share; None if there is none.
+    """The motions of later placements, shared by their touches; None if all are of the first.
 
     `points`: in cells of an edge `cell` [m]. `placement` (t,): of each touch. `pose` [m]: standard
-    deviation of what each touch is displaced by; not 0.
+    deviation of the displacement of each single touch; not 0.
     """
     if not len(placement) or not placement.any():
         return None
     count = int(points.touch.max()) + 1
     middles, of_touch = touch_middles(points.places, points.touch), np.zeros(count, np.int32)
-    known = min(count, len(placement))  # those beyond are none of the hand's or a finger's
+    known = min(count, len(placement))  # later ones are assumed points, not touches
     of_touch[:known] = placement[:known]
     columns = np.zeros((count, 3, 6 * int(placement.max())))
     for number in range(1, int(placement.max()) + 1):
@@ -60,9 +60,9 @@ def shared_motions(
 
 
 def found_motions(contacts: ContactPoints, placement: Ints, unknowns: Floats) -> tuple[Pose, ...]:
-    """The motion of each later placement, of what was touched in it.
+    """The rigid motion of each later placement that moves its touches onto the others.
 
-    `unknowns` (6 p,): as fitted, over their standard deviations.
+    `unknowns` (6 p,): the fitted turns and shifts, over their prior standard deviations.
     """
     middles = touch_middles(contacts.points, contacts.touch)
     of_touch = placement[: len(middles)]

@@ -165,13 +165,13 @@ def rebuild_general(
         touched,
         free,
         none if spanned is None else spanned,
-        _untouched(underside, touched.points),
+        _far_from_touch(underside, touched.points),
         platform,
         max(pose, MOTIONS.least_pose) if placed.any() else pose,
         placed,
         draft,
     )
-    return _untorn(known, cell, start, step)
+    return _solid_with_whole_walls(known, cell, start, step)
 
 
 class Known(NamedTuple):
@@ -187,7 +187,7 @@ class Known(NamedTuple):
     draft: bool
 
 
-def _untorn(
+def _solid_with_whole_walls(
     known: Known, cell: float, start: solid.GeneralSolid | None, step: Steps
 ) -> solid.GeneralSolid:
     """The solid with cells of an edge [m], or smaller ones where that one's thin walls are torn."""
@@ -198,12 +198,12 @@ def _untorn(
     if walls < cell and start is not None and start.cell <= grid.small_cell * cell:
         torn = _tears(start)
         if known.draft and not torn:
-            return _rebuilt(known, walls, finer_grid, start, step)
-        finer_solid = _rebuilt(known, walls, finer_grid, None, step)
+            return _solid_of_cells(known, walls, finer_grid, start, step)
+        finer_solid = _solid_of_cells(known, walls, finer_grid, None, step)
         if known.draft or _tears(finer_solid) <= torn:
             return finer_solid
-        return min(finer_solid, _rebuilt(known, walls, finer_grid, start, step), key=_tears)
-    plain = _rebuilt(known, cell, grid, start, step)
+        return min(finer_solid, _solid_of_cells(known, walls, finer_grid, start, step), key=_tears)
+    plain = _solid_of_cells(known, cell, grid, start, step)
     if walls >= cell or not (torn := _tears(plain)):
         return plain
     touches = len(plain.fit.displacements)
@@ -211,7 +211,7 @@ def _untorn(
     if touches < grid.more_touches * tried:
         return replace(plain, tried_walls=tried)
     # Without `start`: walls that larger cells have torn would stay torn.
-    finer_solid = _rebuilt(known, walls, finer_grid, None, step)
+    finer_solid = _solid_of_cells(known, walls, finer_grid, None, step)
     if _tears(finer_solid) < torn:
         return finer_solid
     return replace(plain, tried_walls=touches)  # too few touches for small cells
@@ -234,7 +234,7 @@ def tears(mesh: Mesh) -> int:
     return parts - 1 + (2 * parts - euler) // 2
 
 
-def _rebuilt(
+def _solid_of_cells(
     known: Known, cell: float, grid: GridSettings, start: solid.GeneralSolid | None, step: Steps
 ) -> solid.GeneralSolid:
     """The solid with cells of an edge [m], or larger ones if there would be too many."""
@@ -263,7 +263,7 @@ def _rebuilt(
     return replace(rebuilt, placement=placed, motions=motions)
 
 
-def _untouched(underside: Floats | None, touched: Floats) -> Floats:
+def _far_from_touch(underside: Floats | None, touched: Floats) -> Floats:
     """Those places (k, 3) of an underside that lie far from all touched points."""
     if underside is None or not len(underside):
         return np.zeros((0, 3))
@@ -362,7 +362,7 @@ class Setting(NamedTuple):
         """
         places = (self.touched.points - self.origin) / cell
         touched = TouchedPoints(places, np.asarray(self.touched.normals), self.touched.touch)
-        points = self._with_below(self._held_off(touched, cell, before), cell)
+        points = self._with_underside_points(self._with_spanned(touched, cell, before), cell)
         start = plain_start(len(points.places), int(points.touch.max()) + 1)
         start.weights[len(places) :] = SPANNED.weight
         start.weights[len(points.places) - len(self.below) :] = UNDERSIDE.weight
@@ -395,7 +395,7 @@ class Setting(NamedTuple):
             solution = fit_implicit(band, *terms, start, order, shared)
         return Fitted(Spline(cell, solution.fit), solution, touched, *terms[1:], shared)
 
-    def _held_off(
+    def _with_spanned(
         self, touched: TouchedPoints, cell: float, before: Spline | None
     ) -> TouchedPoints:
         """The touched points, and the spanned places that an earlier spline does not lie behind.
@@ -417,7 +417,7 @@ class Setting(NamedTuple):
             np.concatenate([touched.touch, touched.touch[nearest]]),
         )
 
-    def _with_below(self, points: TouchedPoints, cell: float) -> TouchedPoints:
+    def _with_underside_points(self, points: TouchedPoints, cell: float) -> TouchedPoints:
         """The points, and those of the flat underside as one more touch."""
         if not len(self.below):
             return points

@@ -1,13 +1,13 @@
-"""Which places lie inside an object, as far as touches and free space tell: a first coarse answer.
+"""Which places lie inside an object, estimated coarsely from touched points and swept free space.
 
-A function of space that is 1 inside and 0 outside has a gradient that is nothing but the surface's
-inward normals: it is sought as the solution of a Poisson equation that is screened at the touched
-points (Kazhdan and Hoppe, *Screened Poisson surface reconstruction*, 2013), on an even grid, by
-conjugate gradients that a Fourier transform preconditions. We depart from them: points count by the
-area they stand for, so that stretches that were touched often do not outweigh others; what a finger
-has swept is held outside, as an inequality, for a penalty everywhere would bend the surface where
-nothing is wrong; and what no finger has passed within the hull of all points is taken to be inside,
-weakly. The platform is a mirror: walls go on straight through it.
+The gradient of a function that is 1 inside and 0 outside consists of the surface's inward normals:
+the function is the solution of a Poisson equation that is screened at the touched points (Kazhdan
+and Hoppe, *Screened Poisson surface reconstruction*, 2013), on an even grid, by conjugate gradients
+preconditioned by a Fourier transform. We depart from them: points are weighted by the area they
+stand for, so that areas that were touched often do not outweigh others; voxels that a finger has
+swept are held outside, as an inequality, because a penalty on all of them would bend the surface
+where it is right; and voxels in the hull of all points that no finger has swept are pulled inside,
+weakly. Points are mirrored at the platform: so walls continue straight through it.
 """
 
 from __future__ import annotations
@@ -26,19 +26,19 @@ from palpate.reprs import readable
 class CoarseSettings:
     """The screened Poisson equation of the coarse solid, and how it is solved."""
 
-    padding: int = 7  # [voxels] around all points: the function has fallen to nothing there
-    screening: float = 0.5  # weight of the points' values over that of their normals
-    hull: float = 0.0064  # weight of the hull: it counts where no point is within 12 voxels
-    max_hull_points: int = 3000  # more change the hull by less than a voxel
-    free_weight: float = 0.5  # of a voxel that a finger has swept and that lies inside
-    free_margin: float = 0.08  # below the surface's level: swept voxels must lie as far below
-    free_target: float = 0.15  # below the level: the value that such voxels are pulled to
-    free_rounds: int = 4  # of pulling swept voxels out
-    max_wrong_voxels: int = 5  # swept voxels that may stay inside
+    padding: int = 7  # [voxels] of grid around all points, where the function falls to 0
+    screening: float = 0.5  # weight of the points' values over their normals'; larger is closer
+    hull: float = 0.0064  # weight of the hull: its root is 1 over its range, about 12 voxels
+    max_hull_points: int = 3000  # used for the hull; more change it by less than a voxel
+    free_weight: float = 0.5  # weight of pulled voxels: swept ones inside, and the grid's border
+    free_margin: float = 0.08  # least depth of swept voxels' values below the surface's level
+    free_target: float = 0.15  # depth below that level to which other swept voxels are pulled
+    free_rounds: int = 4  # solutions, each with swept voxels pulled that are still inside
+    max_wrong_voxels: int = 5  # newly wrong swept voxels, below which the rounds end
     max_steps: int = 60  # of conjugate gradients
-    residual: float = 3e-3  # fraction of the right-hand side, at which they end
+    residual: float = 3e-3  # fraction of the right-hand side, at which they stop
     min_part: int = 27  # [voxels] smaller parts are left out
-    smoothing: float = 0.7  # [voxels] of the distances: it rounds the steps of the grid
+    smoothing: float = 0.7  # [voxels] Gaussian of the distances, which smooths steps of the grid
 
 
 COARSE_SOLIDS = CoarseSettings()
@@ -71,11 +71,11 @@ def coarse_solid(
     most_area: float,
     platform: float | None,
 ) -> CoarseSolid:
-    """The coarse solid of touched points (n, 3) with normals (n, 3), m.
+    """The coarse solid of touched points (n, 3) with normals (n, 3) [m].
 
-    `free` (k, 3): places that a finger has swept. `step`: edge of a voxel. `spread`: distance over
-    which points are taken to stand for the surface between them. `most_area`: that one point may
-    stand for, at most, m^2. `platform`: height on which the object stands, None if it is held.
+    `free` (k, 3): places that a finger has swept [m]. `step`: edge of a voxel [m]. `spread`:
+    standard deviation of the kernel by which points share area [m]. `most_area`: largest area of
+    one point [m^2]. `platform`: height on which the object stands [m], None if it is held.
     """
     if platform is not None:
         points, normals = _mirrored(points, normals, platform)
@@ -145,7 +145,7 @@ class _Grid(NamedTuple):
 def _screened(
     grid: _Grid, points: Floats, normals: Floats, free: Bools, spread: float, most_area: float
 ) -> tuple[Floats, float]:
-    """The function, and its level at the surface. Lengths in voxels from here on."""
+    """The function on the grid, and its value at the surface. Lengths are in voxels from here."""
     splat, step = grid.splat(points), grid.step
     width = spread / step
     sums = np.asarray(splat.sum(axis=0)).reshape(grid.shape)
@@ -188,7 +188,7 @@ def _in_hull(grid: _Grid, points: Floats) -> Bools:
     a, b, c, d = planes.T
     up, down = c > STEEP, c < -STEEP
     held = np.zeros(grid.shape, np.bool_)
-    # Of each column of voxels, the hull holds a stretch: below planes that face up, over others.
+    # In each column of voxels, the hull lies below planes that face up and over those facing down.
     for row, here in enumerate(x):
         level = (a * here + d)[:, None] + b[:, None] * y
         high = (-level[up] / c[up, None]).min(axis=0)
@@ -213,7 +213,7 @@ class _System(NamedTuple):
 def _outside_of_free(
     system: _System, active: Bools, free: Bools, shape: tuple[int, ...]
 ) -> tuple[Floats, float]:
-    """The solution in which free voxels lie outside: only those that do not are pulled."""
+    """The function with free voxels outside, and its level; only those inside are pulled."""
     chi, target = None, np.zeros(shape)
     for turn in range(COARSE_SOLIDS.free_rounds):
         diagonal = system.diagonal + COARSE_SOLIDS.free_weight * active

@@ -1,8 +1,8 @@
-"""How thin an object's walls are, from points that were touched on both sides of them.
+"""Thickness of an object's walls, from points that were touched on both sides of them.
 
 Two sheets of a surface that pass through one cell of a spline bend each other, and may tear. Then
-cells are made no larger than the walls. A wall is as thick as it is far from one point,
-inwards along its normal, to points that face the other way.
+cells are made no larger than the walls. The thickness of a wall is the distance from a point,
+inwards along its normal, to points of opposite normals.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ from palpate.core.rebuild.contours import ContactPoints
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WallSettings:
-    """Which points lie on both sides of a wall, and how small cells are for it."""
+    """Which points lie on opposite sides of a wall, and how large cells are for it."""
 
-    spacing: float = 1.5e-3  # [m] of points of which pairs are sought, about
-    opposite: float = -0.8  # cosine between the normals of two sides, at most
-    aside: float = 0.6  # offset of the other side's point from the normal, of the thickness
-    min_share: float = 0.25  # of all points, that must lie on walls touched from both sides
-    thinnest: float = 0.02  # of all points, may lie on thinner walls than cells are made for
-    cells: float = 1.0  # edge of a cell, of the thickness
-    ratio: float = 1.25  # between one size of cells and the next: few touches do not change it
+    spacing: float = 1.5e-3  # [m] edge of cubes, of each of which one point is used; larger, faster
+    opposite: float = -0.8  # largest cosine between the normals of two sides
+    aside: float = 0.6  # largest offset of a pair across its normal, over the thickness
+    min_share: float = 0.25  # least fraction of all points that lie on walls
+    thinnest: float = 0.02  # fraction of all points that may lie on thinner walls
+    cells: float = 1.0  # edge of a cell over the thickness of the wall; larger is coarser
+    ratio: float = 1.25  # of one cell size to the next: so that a few touches do not change it
 
 
 WALLS = WallSettings()
@@ -35,10 +35,10 @@ WALLS = WallSettings()
 def wall_thickness(
     contacts: ContactPoints, most: float, settings: WallSettings = WALLS
 ) -> float | None:
-    """Thickness than which few walls are thinner [m]; None where few points lie on walls at all.
+    """Thickness of the thinnest walls [m], a low quantile; None where few points lie on walls.
 
-    `most` [m]: what is thicker is no wall. Before much of both sides was touched, small cells tell
-    less than large ones: what touches leave open goes through many of them.
+    `most` [m] is the largest thickness of a wall. Few points on walls do not count: untouched gaps
+    span many small cells, so that small cells help only where both sides are well covered.
     """
     assert contacts.normals is not None
     cubes = np.floor(contacts.points / settings.spacing)
@@ -63,7 +63,7 @@ def wall_thickness(
 
 
 def wall_cell(contacts: ContactPoints, cell: float, settings: WallSettings = WALLS) -> float:
-    """Edge of cells for the walls that were touched on both sides, at most `cell` [m]."""
+    """Edge of cells [m] that resolve the walls touched on both sides, at most `cell`."""
     thickness = wall_thickness(contacts, 2.0 * cell, settings)
     if thickness is None or settings.cells * thickness >= cell:
         return cell

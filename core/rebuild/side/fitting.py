@@ -32,23 +32,23 @@ Poles = tuple[Floats | None, Floats | None]  # where a surface closes in a point
 class ContourFitSettings:
     """Which parameter along the axis contours are fitted in, and how cautiously."""
 
-    max_around: int = 128  # coefficients around
-    min_round_rows: int = 5  # rows and poles; of fewer, only ends with a pole are round
-    caution: float = 1.2  # weight of a degree of freedom, if residuals of rows are not alike
-    min_caution_rows: int = 12  # rows, for their likeness to be known
-    max_likeness: float = 0.25  # correlation of neighbouring rows' residuals that are not alike
-    # Rows of a larger swing are tried in another parameter, which is taken if it leaves less than a
-    # ratio of the swing. Of smooth objects the swing is about 0.25, however few the rows.
+    max_around: int = 128  # largest number of coefficients around
+    min_round_rows: int = 5  # rows and poles; with fewer, only ends with a pole are round
+    caution: float = 1.2  # weight of a degree of freedom, if residuals are noise; larger, smoother
+    min_caution_rows: int = 12  # rows that are needed to measure the likeness of residuals
+    max_likeness: float = 0.25  # |correlation| of neighbouring rows' residuals that are noise
+    # Rows with a larger swing (see `ContourFit.swing`) are fitted again in the arc length, which is
+    # kept if it reduces the swing below a ratio. Smooth objects have a swing of about 0.25.
     max_swing: float = 0.5
     max_swing_ratio: float = 0.5
     # Powers of the arc length along the surface; lower ones are calmer where steps have many
     # lengths: Lee, *Choosing nodes in parametric curve interpolation*, 1989.
     powers: tuple[float, ...] = (1.0, 0.5, 0.25)
-    # Rows of a small swing, if there are as many, are tried in the arc length, too, which is taken
-    # if it predicts rows better by a ratio.
+    # At least `min_rows` rows with a smaller swing are fitted in the arc length, too, which is kept
+    # if it reduces their prediction error below a ratio.
     min_rows: int = 8
     max_error_ratio: float = 0.72
-    min_error: float = 0.01  # fraction of the size; rows that are predicted better are close enough
+    min_error: float = 0.01  # rms error over the size; rows predicted better are not tried again
     smoothing: SmoothingSettings = DEFAULT_SMOOTHING
 
 
@@ -149,9 +149,9 @@ def fit_rows(
 
     def by_length(power: float) -> ContourFit:
         parameters = [reparametrised(rows, candidate, power) for candidate in candidates]
-        return _careful(rows, parameters, noise, settings)
+        return _best_cautious(rows, parameters, noise, settings)
 
-    fit = _careful(rows, candidates, noise, settings)
+    fit = _best_cautious(rows, candidates, noise, settings)
     swing = fit.swing()
     if not swing <= settings.max_swing:
         calmest = min(map(by_length, settings.powers), key=ContourFit.swing)
@@ -164,7 +164,7 @@ def fit_rows(
     return paced if _prediction_error(paced) < settings.max_error_ratio * error else fit
 
 
-def _careful(
+def _best_cautious(
     rows: ContourRows,
     candidates: list[AxialParameter],
     noise: float | None,
@@ -172,16 +172,16 @@ def _careful(
 ) -> ContourFit:
     """The best of some parameters, with caution where the residuals of rows are not alike."""
     if noise is None and len(rows.heights) >= settings.min_caution_rows:
-        fit = _best(rows, candidates, noise, settings.caution, settings)
+        fit = _best_predicting(rows, candidates, noise, settings.caution, settings)
         if abs(fit.likeness(rows.grid)) < settings.max_likeness:
             return fit
-    return _best(rows, candidates, noise, 1.0, settings)
+    return _best_predicting(rows, candidates, noise, 1.0, settings)
 
 
 def reparametrised(
     rows: ContourRows, axial_parameter: AxialParameter, power: float
 ) -> AxialParameter:
-    """The same parameter with steps of a power of the arc length from row to row."""
+    """The parameter, changed to steps from row to row that are a power of the arc length."""
     low, high, grid = axial_parameter.low, axial_parameter.high, rows.grid
     places = axial_parameter.of(np.concatenate([[low], rows.heights, [high]]))
     first, last = (
@@ -207,10 +207,10 @@ def fit_heights_or_round(
     """Fit rows in the height or the latitude, without regard to poles, swing and likeness."""
     both = [AxialParameter(low, high, ends) for ends in ((False, False), (True, True))]
     candidates = both if len(rows.heights) >= settings.min_round_rows else both[:1]
-    return _best(rows, candidates, None, 1.0, settings)
+    return _best_predicting(rows, candidates, None, 1.0, settings)
 
 
-def _best(
+def _best_predicting(
     rows: ContourRows,
     candidates: list[AxialParameter],
     noise: float | None,
@@ -245,7 +245,7 @@ def fit_axial_parameter(
     inner = slice(int(below is not None), along.count - int(above is not None))
     matrix = along.matrix(places).toarray()
     root = bending_along(along, 1 if len(sites) == 1 else 2)
-    line = _line(along, below, above)
+    line = _pole_line(along, below, above)
     smoothed = smooth(
         rows.grid - (matrix @ line)[:, None],
         smoothing_axis(matrix[:, inner], root[:, inner], settings.smoothing),
@@ -259,7 +259,7 @@ def fit_axial_parameter(
     return ContourFit(axial_parameter, caution, along, sites, smoothed, control, matrix @ line)
 
 
-def _line(along: Basis, below: Floats | None, above: Floats | None) -> Floats:
+def _pole_line(along: Basis, below: Floats | None, above: Floats | None) -> Floats:
     """Coefficients (n, 2) of the line between the poles; adding it changes no bending."""
     start, end = below if below is not None else above, above if above is not None else below
     if start is None or end is None:

@@ -42,17 +42,17 @@ class OutlierSettings:
     """
 
     min_points: int = 8  # of a contour
-    min_noise_ratio: float = 1.5  # of residuals over the noise between neighbours, to look further
-    min_first_deviation: float = 5.0  # of an outlier of the first fit, from its neighbourhood
+    min_noise_ratio: float = 1.5  # residuals over the noise of neighbours, to look for outliers
+    min_first_deviation: float = 5.0  # of an outlier of the first fit; larger finds fewer
     min_kept_deviation: float = 3.5  # of an outlier that stays one
     min_new_deviation: float = 6.0  # of a new outlier of a later fit
     min_neighbour_ratio: float = 2.2  # of a new outlier's deviation over that of the points beside
-    max_fits: int = 15
-    reviewed_fits: tuple[int, ...] = (2, 4, 6)  # after which outliers are chosen anew
+    max_fits: int = 15  # without the outliers, until they settle
+    reviewed_fits: tuple[int, ...] = (2, 4, 6)  # numbers of fits after which outliers are revised
     tolerance: float = 0.01  # fraction of the noise, of changes after which no more fits follow
-    n_near_rows: int = 2  # contours on either side; residuals alike on all are the object's
-    max_fraction: float = 0.15  # of the points; exact contours of an edge have more
-    min_spare: float = 0.05  # fraction of the points, of the degrees of freedom that are left
+    n_near_rows: int = 2  # contours on either side, whose median residual is not an outlier's
+    max_fraction: float = 0.15  # of the points; more are no outliers but, say, an edge
+    min_spare: float = 0.05  # least degrees of freedom that are left, over the number of points
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -107,7 +107,7 @@ class ContourLoft:
 
     @property
     def scatter(self) -> float:
-        """The same: contours do not show errors of poses."""
+        """As `sigma`, since contours do not show errors of poses [m]."""
         return self.health.sigma
 
     @property

@@ -37,10 +37,10 @@ N_UNPENALISED = 6  # coefficients that do not bend: 2 along, 3 around
 class GapSettings:
     """What counts as a gap between the taxels of a side, and how it is bridged."""
 
-    touched_distance: float = 1.0  # [pitches] from a taxel, up to which a place is touched
-    min_touched: float = 0.8  # fraction of a ring that is touched, for gaps on it
-    min_radius: float = 3.5  # [pitches] of a circle without a taxel
-    tension: float = 0.03  # strength of the penalty on slopes in gaps
+    touched_distance: float = 1.0  # [taxel pitches] from a taxel, up to which a place is touched
+    min_touched: float = 0.8  # fraction of a ring that must be touched for gaps on it to count
+    min_radius: float = 3.5  # [taxel pitches] least radius of a gap, a circle without a taxel
+    tension: float = 0.03  # strength of the penalty on slopes in gaps; larger, a flatter bridge
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -50,21 +50,21 @@ class RadialSettings:
     Strengths of bending are over the mean diagonal of the normal equations.
     """
 
-    n_around: int = 96  # coefficients around
-    n_sectors: int = 24  # of a turn, in each of which a span is touched or not
+    n_around: int = 96  # coefficients around; more follow finer features
+    n_sectors: int = 24  # parts of a turn, in each of which a span is touched or not
     max_untouched: float = 0.1  # fraction of the sectors without a point in a touched span
-    touched_bending: float = 1e-3  # strength of bending along
+    touched_bending: float = 1e-3  # strength of the penalty on bending along; larger is smoother
     # The same in untouched spans and beside them: so strong that a gap is bridged from points
     # farther off, not extrapolated from the last points before it.
     untouched_bending: float = 1e-2
     n_beside: int = 2  # spans on either side of an untouched one
-    bending_around: float = 1e-2  # strength
+    bending_around: float = 1e-2  # strength of the penalty on bending around
     # Power of a span's width by which its bending counts: a root that begins at an end bends each
     # half of a span more than the whole, and is not flattened.
     width_power: int = 3
-    min_square: float = 1e-6  # of the squared distance from the axis, over the median's square
-    min_spare: float = 0.05  # fraction of the points, of the degrees of freedom that are left
-    n_probes: int = 2  # random signs by which degrees of freedom are estimated
+    min_square: float = 1e-6  # least squared distance from the axis, over the squared median
+    min_spare: float = 0.05  # least degrees of freedom that are left, over the number of points
+    n_probes: int = 2  # random sign vectors by which degrees of freedom are estimated
     min_taxels: int = 12  # median of the touches' taxels, for gaps and shifts to be determined
     gaps: GapSettings = GapSettings()
 
@@ -74,17 +74,17 @@ DEFAULT_RADIAL = RadialSettings()
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DetailSettings:
-    """Whether a side has fewer coefficients around, which follow less noise."""
+    """When a side has fewer coefficients around, which follow less noise."""
 
     n_few: int = 48  # coefficients around
-    max_ratio: float = 0.85  # residual of all coefficients over that of few; else few suffice
+    max_ratio: float = 0.85  # residual of `n_around` over that of few; above it, few suffice
     max_draft_ratio: float = 0.6  # the same of a draft
-    max_draft_residual: float = 5e-5  # fraction of the height; few suffice for a draft
+    max_draft_residual: float = 5e-5  # residual over the height, up to which a draft has few
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Drift:
-    """Error of a spline by shifts of the touches, which are known relative to each other alone."""
+    """Error of a spline by common shifts of touches: only relative shifts are determined."""
 
     sigma: float  # standard deviation of a point of weight 1 beside the shifts [m]
     along: Floats  # half the system, from the shifts, (shifts, coefficients)
@@ -246,7 +246,7 @@ def fit_side_spline(
     draft: bool = False,
     settings: DetailSettings = DetailSettings(),
 ) -> RadialSpline:
-    """As `fit_radial_spline`, with few coefficients around where these follow about as well."""
+    """As `fit_radial_spline`, with few coefficients around where they fit about as well."""
     few = fit_radial_spline(contacts, axis_curve, low, high, around=settings.n_few)
     residual = float(np.sqrt(np.mean(few.misfits**2)))
     if draft and residual <= settings.max_draft_residual * (high - low):

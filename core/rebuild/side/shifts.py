@@ -24,19 +24,19 @@ from palpate.core.steps import Steps, no_steps
 class ShiftSettings:
     """How shifts of touches are found with the side; tuned on the shipped scenes."""
 
-    n_sweeps: int = 3  # fits, each to points moved back by the shifts before
-    # Weight of the prior that a touch is not shifted, in taxels. After the first sweep it is the
-    # number of taxels that err together times their squared residual over that of the poses: what a
-    # smooth surface leaves is shared by neighbours.
+    n_sweeps: int = 3  # fits, each to points moved back by the last shifts
+    # Weight of the prior that a touch is not shifted, in taxels: larger, smaller shifts. After the
+    # first sweep it is `n_correlated`, the number of neighbouring taxels with the same error, times
+    # their squared residual over the squared pose error.
     first_weight: float = 0.1
     n_correlated: float = 8.0
     min_error: float = 6e-5  # fraction of the height; less noise and smaller shifts are ignored
-    min_touches: int = 8
+    min_touches: int = 8  # with fewer, shifts are not determined
     max_iterations: int = 35  # of the conjugate gradients
-    tolerance: float = 1e-3  # of their residual, over the first one
+    tolerance: float = 1e-3  # of their residual over the first one, at which they stop
     stiffening: float = 10.0  # ratio of one stiffness that is tried to the next
-    max_stiffenings: int = 5
-    max_whole_drift: int = 400  # touches whose drift has three directions; of more, the normal
+    max_stiffenings: int = 5  # of these steps
+    max_whole_drift: int = 400  # touches; with more, drift is along their mean normals only
 
 
 def fit_shifted_spline(
@@ -58,7 +58,7 @@ def fit_shifted_spline(
     shifts = np.zeros((int(contacts.touch.max()) + 1, 3))
     spline, weight, pose = plain, settings.first_weight, 0.0
     for _ in range(0 if is_few else settings.n_sweeps):
-        shifts += _more_shifts(spline, shifts, weight, settings)
+        shifts += _shift_corrections(spline, shifts, weight, settings)
         spline = plain.refitted(contacts._replace(points=contacts.points - shifts[contacts.touch]))
         by_row = shifts[spline.rows.touch]
         pose = probable_error_sigma(np.einsum("ni,ni->n", spline.rows.normals, by_row))
@@ -74,7 +74,7 @@ def fit_shifted_spline(
 
 
 def stiffened(spline: RadialSpline, settings: ShiftSettings) -> RadialSpline:
-    """The spline, stiffer by as many steps as each improve its score."""
+    """The spline, made stiffer step by step as long as its score improves."""
     for _ in range(settings.max_stiffenings):
         stiffer = spline.stiffer(settings.stiffening)
         if not stiffer.score < spline.score:
@@ -83,7 +83,7 @@ def stiffened(spline: RadialSpline, settings: ShiftSettings) -> RadialSpline:
     return spline
 
 
-def _more_shifts(
+def _shift_corrections(
     spline: RadialSpline, shifts: Floats, weight: float, settings: ShiftSettings
 ) -> Floats:
     """Corrections (k, 3) of the shifts by which the spline's points were moved back.

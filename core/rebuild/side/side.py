@@ -55,13 +55,13 @@ DEFAULT_ERROR_BOUND = ErrorBoundSettings()
 class BandSettings:
     """Where the deviation of a radial side is evaluated."""
 
-    n_heights: int = 25
-    n_turns: int = 12  # over which it is averaged; half a step on at every other height
-    n_gap_rows: int = 4  # about each height, in which gaps are searched
+    n_heights: int = 25  # evenly spaced, at which it is kept
+    n_turns: int = 12  # azimuths of its average; every other height has them half a step on
+    n_gap_rows: int = 4  # rows about each height, in which gaps are searched
 
 
 class Uncertainty(NamedTuple):
-    """The whole object in three numbers [m], if nothing on it is narrower than the spacing."""
+    """Error bounds of the side [m], valid if no feature is narrower than the spacing."""
 
     rms: float  # bound of the root mean square error of the side
     most: float  # bound of its largest error
@@ -244,7 +244,7 @@ class RadialSide:
         steep: Floats,
         settings: ErrorBoundSettings = DEFAULT_ERROR_BOUND,
     ) -> Floats:
-        """That along normals whose component across the axis is `steep`, all (a, b).
+        """Standard deviation along normals whose radial components are `steep`, all (a, b).
 
         A part of the pose error is left where the side turns level. Residuals of the taxels beyond
         their noise are errors of the surface.
@@ -324,9 +324,9 @@ def _deviations(spline: RadialSpline, heights: Floats, settings: BandSettings) -
 class Coverage(NamedTuple):
     """Where a side was touched [m]."""
 
-    low: float  # height from which on it was touched all around
-    high: float  # height up to which it was
-    gap: float  # highest band between them that was not touched on some azimuth
+    low: float  # least height from which on all sectors were touched
+    high: float  # largest height up to which they were
+    gap: float  # largest untouched height between points of one sector
     lows: Floats  # lowest touched height in each fine sector, (360,), or infinity
     highs: Floats  # highest one, (360,), or -infinity
 

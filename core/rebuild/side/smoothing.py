@@ -3,10 +3,10 @@
 The smoother is the product of one along and one around; in the bases in which each is diagonal
 (see `demmler_reinsch`), every pair of strengths is scored by sums alone. Each penalty is given by a
 root, a matrix whose product with the coefficients has the penalty as its sum of squares. A smoother
-estimates its noise, not the surface where nothing was touched: each contour is predicted from its
-neighbours, and the error of that, less the noise, is what a surface may be off by at about twice
-the spacing. The growth of the error with the spacing shows how much of it is left at the spacing
-itself.
+estimates the noise, but not the error of the surface between contours: for that, each contour is
+predicted from its neighbours, and the error of the prediction, less the noise, is the surface's
+error at about twice the spacing. The growth of the error with the spacing shows what part of it is
+left at the spacing itself.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ from palpate.core.splines import Modes, demmler_reinsch
 class SmoothingSettings:
     """Which strengths of smoothing are tried."""
 
-    n_strengths: int = 61  # along each axis
+    n_strengths: int = 61  # strengths that are tried on each axis, from least to largest
     # Strengths from one over the stiffest mode's stiffness, which leaves values unchanged, to one
     # over the most compliant mode's, which leaves nothing that bends.
     min_strength: float = 1e-6
     max_strength: float = 1e4
-    flat_tolerance: float = 1e-12  # stiffness, over the mean, of a mode that does not bend
-    min_spare: float = 1e-9  # fraction of the freedom left, if caution leaves none: the worst score
+    flat_tolerance: float = 1e-12  # stiffness over the mean, up to which a mode does not bend
+    min_spare: float = 1e-9  # fraction of the freedom left, if caution leaves less: a finite score
 
 
 DEFAULT_SMOOTHING = SmoothingSettings()
@@ -47,14 +47,14 @@ class BetweenSettings:
 
     azimuth_width: float = 0.2  # [rad] standard deviation of the average around a contour
     min_decay_contours: int = 9  # from which on the decay with the spacing is measured
-    default_decay: float = 0.4  # ratio of the error at half the spacing
-    min_decay: float = 0.1
+    default_decay: float = 0.4  # error at half a spacing over that at it, with fewer contours
+    min_decay: float = 0.1  # limits of a measured decay
     max_decay: float = 0.7
-    worst_fraction: float = 0.25  # of the contours, those with the largest errors, that show it
-    # Of more contours the error is reduced in proportion: the surface follows them over more than
-    # two spacings.
+    worst_fraction: float = 0.25  # of the contours, with the largest errors, that measure it
+    # With more contours the error is reduced by the factor `max_full_contours` over their number:
+    # the surface then follows features over more than two spacings.
     max_full_contours: int = 9
-    min_reduction: float = 1 / 3
+    min_reduction: float = 1 / 3  # least factor
 
 
 DEFAULT_BETWEEN = BetweenSettings()
@@ -67,7 +67,7 @@ class SmoothingAxis:
     modes: Modes
     weight: Floats  # quadratic form of the fit, over its mean diagonal, (n, n)
     bending: Floats  # quadratic form of the penalty, over its mean diagonal, (n, n)
-    strengths: Floats  # that are tried, (s,), rising
+    strengths: Floats  # strengths that are tried, (s,), rising
 
     def condition(self, strength: float) -> float:
         """Condition number of the matrix from coefficients to values and bending."""
@@ -82,9 +82,9 @@ class Smoothed:
     along: SmoothingAxis  # first axis
     around: SmoothingAxis  # second axis
     parts: Floats  # components of the values in the modes, (d, r, q)
-    kept: Floats  # fraction of each that is kept, (r, q)
+    kept: Floats  # fraction of each component that smoothing keeps, (r, q)
     strengths: tuple[float, float]  # along and around, over the mean weight of the values
-    spare: float  # number of values less degrees of freedom, of each component
+    spare: float  # number of values less the degrees of freedom spent, of each component
     freedom: float  # degrees of freedom spent on each component
     sigma: float  # estimated standard deviation of one component
     score: float  # by which the strengths were chosen; the least is best for the same values
@@ -109,7 +109,7 @@ class Smoothed:
 
     @property
     def missed(self) -> Floats:
-        """Error (m,) of the prediction of each line along by the others."""
+        """Error (m,) of each line along, predicted from the others (leave-one-out)."""
         (lost,) = self.along.modes.lost(np.array(self.strengths[:1]))
         (held,) = self.around.modes.kept(np.array(self.strengths[1:]))
         shapes = self.along.modes.shapes
@@ -136,7 +136,7 @@ def smoothing_axis(
 
     By basis functions (m, n) at its lines, and the root (r, n) of the penalty.
     """
-    weight, bending = _measured(basis), _measured(root)
+    weight, bending = _normalised_form(basis), _normalised_form(root)
     modes = demmler_reinsch(weight, bending, basis)
     stiff = modes.stiffness[modes.stiffness > settings.flat_tolerance]
     limits = (1.0, 1.0)
@@ -145,7 +145,7 @@ def smoothing_axis(
     return SmoothingAxis(modes, weight, bending, np.geomspace(*limits, settings.n_strengths))
 
 
-def _measured(root: Floats) -> Floats:
+def _normalised_form(root: Floats) -> Floats:
     """The quadratic form of a root, over its mean diagonal."""
     form = root.T @ root
     mean = np.trace(form) / len(form)
@@ -187,7 +187,7 @@ def smooth(
     count = lines[0] * lines[1]
     spare += count - parts[0].size
     if noise is None:
-        scores = squares / np.square(_cautious(spare, count, caution, settings.min_spare))
+        scores = squares / np.square(_cautious_spare(spare, count, caution, settings.min_spare))
     else:
         scores = squares / len(parts) - 2.0 * noise**2 * spare
     best = np.unravel_index(np.argmin(scores), scores.shape)
@@ -207,8 +207,8 @@ def smooth(
     )
 
 
-def _cautious(spare: Floats, count: int, caution: float, min_spare: float) -> Floats:
-    """Freedom left of `count` values, if each degree that is spent counts as `caution` does."""
+def _cautious_spare(spare: Floats, count: int, caution: float, min_spare: float) -> Floats:
+    """Freedom left of `count` values, if each degree that is spent counts `caution` times."""
     left = spare - (caution - 1.0) * (count - spare)
     return np.asarray(np.maximum(left, min_spare * spare))
 
@@ -269,7 +269,7 @@ def between_contours(
     reduction = float(np.clip(reduction, settings.min_reduction, 1.0))
     decay = settings.default_decay
     if len(sites) >= settings.min_decay_contours:
-        # The same from every other contour, at twice the spacing.
+        # Prediction errors at twice the spacing: from every other contour.
         twice = np.empty(contours.shape[:2]), np.empty(len(sites))
         for part in (slice(0, None, 2), slice(1, None, 2)):
             errors = _prediction_errors(sites[part], contours[part], across[part])
@@ -292,7 +292,7 @@ def _decay(
     sigma: float,
     settings: BetweenSettings,
 ) -> float:
-    """Ratio of the error at the spacing to that at twice, where they are largest."""
+    """Ratio of the error at the spacing to that at twice the spacing, where it is largest."""
     inner = slice(2, -2)
     near, far = (
         np.maximum(squares[inner].mean(axis=1) - gains[inner] * sigma**2, 0.0)
@@ -306,7 +306,7 @@ def _decay(
 
 
 def _prediction_errors(sites: Floats, contours: Floats, across: Floats) -> tuple[Floats, Floats]:
-    """Squared errors (m, k) of contours predicted from neighbours, and their gain of noise (m,)."""
+    """Squared prediction errors (m, k) of contours, and their noise variance (m,) over sigma^2."""
     weights = np.eye(2)[::-1] if len(sites) == 2 else neighbour_weights(sites)
     known = (weights != 0.0).any(axis=1)
     errors = np.tensordot(weights, contours, 1) - contours

@@ -82,7 +82,7 @@ class LoftPatch:
     def by_parameters(
         self, parameters: Floats, turns: Floats, by: tuple[int, int] = (0, 0)
     ) -> Floats:
-        """The same at parameters (a,) along the axis, or derivatives by them and turns (b,)."""
+        """Places in the plane at parameters (a,) along the axis and turns (b,), or derivatives."""
         plane = evaluate_grid(self._bases, self._wound, [parameters, np.mod(turns, 1.0)], by)
         return plane + self.middle if by == (0, 0) else plane
 
@@ -145,7 +145,7 @@ class AxialParameter:
         return slope**2 * self._height(even, 2) + bend * self._height(even, 1)
 
     def _height(self, parameters: Floats, derivative: int) -> Floats:
-        """The same without a reparametrisation."""
+        """Heights [m] or derivatives, without the reparametrisation."""
         extent = self.high - self.low
         if self.round == (True, True):
             half, angle = 0.5 * extent, parameters + 0.5 * np.pi * derivative
@@ -183,8 +183,8 @@ class Reparametrisation:
     within each step the inverse is the root of a quadratic.
     """
 
-    given: Floats  # rising values (m,) at the places
-    mapped: Floats  # rising places (m,)
+    given: Floats  # rising values (m,) that are mapped
+    mapped: Floats  # rising places (m,) to which they are mapped
     slopes: Floats  # positive derivatives (m,) of the values by the places
 
     def of(self, values: Floats) -> Floats:
@@ -230,7 +230,7 @@ class Reparametrisation:
 
 
 def reparametrisation_through(even: Floats, lengths: Floats) -> Reparametrisation:
-    """Of rising values (m,) at places with steps of `lengths` (m - 1,), scaled to the same range.
+    """Map from rising values (m,) to places with steps `lengths` (m - 1,), over the same range.
 
     Slopes of Fritsch and Butland, *Local monotone piecewise cubic interpolants*, 1984.
     """
