@@ -16,12 +16,18 @@ from palpate.core.arrays import Floats
 from palpate.core.geometry import solidity
 from palpate.core.poses import Pose, rotations_from_vectors
 from palpate.core.rebuild.contours import ContactPoints
-from palpate.core.rebuild.general import GeneralSolid, oriented, protrusions, rebuild_general
+from palpate.core.rebuild.general import (
+    DEFAULT_GENERAL,
+    GeneralSolid,
+    oriented,
+    protrusions,
+    rebuild_general,
+)
 from palpate.core.rebuild.general.band import basis_rows, cell_integrals, make_band
 from palpate.core.rebuild.general.dissection import Longs, dissect, factorise
 from palpate.core.rebuild.general.fitting import Start, TouchedPoints, fit_implicit
 from palpate.core.rebuild.general.leave_out import LeaveOutSettings, leave_out
-from palpate.core.rebuild.general.rebuilding import GridSettings, least_cell
+from palpate.core.rebuild.general.rebuilding import least_cell
 from palpate.core.rebuild.general.solid import cell_weights
 
 PAGE = Path(__file__).parents[4] / "docs" / "general.md"
@@ -270,6 +276,27 @@ def test_it_is_kept_and_read_bit_for_bit():
     assert np.array_equal(again.mesh().vertices, torus().mesh().vertices)
 
 
+def test_solids_of_two_settings_stand_beside_each_other():
+    spline = replace(DEFAULT_GENERAL.spline, cell=CELL, pose=1e-5)
+    errors = replace(DEFAULT_GENERAL.errors, bound_factor=2.0 * DEFAULT_GENERAL.errors.bound_factor)
+    settings = replace(DEFAULT_GENERAL, spline=spline, errors=errors)
+    solid = rebuild_general(torus_touches(), settings=settings)
+    assert np.array_equal(solid.mesh().vertices, torus().mesh().vertices)
+    places = torus().mesh().vertices
+    errors_and_bounds = torus().expected_errors(places), solid.expected_errors(places)
+    (usual, bounds), (same, doubled) = errors_and_bounds
+    assert np.array_equal(same, usual) and doubled == pytest.approx(2.0 * bounds)
+    touch = ContactPoints.of_touch(places[:3], torus().evaluate(places[:3])[1])
+    assert solid.update(touch).settings == settings != torus().settings
+
+
+def test_solid_of_other_settings_is_not_stored():
+    walls = replace(DEFAULT_GENERAL.walls, cells=0.5)
+    solid = replace(torus(), settings=replace(DEFAULT_GENERAL, walls=walls))
+    with pytest.raises(ValueError, match="solid/settings cannot be stored: it is not the default"):
+        tree_to_arrays(solid)
+
+
 def test_without_normals_or_touches_it_is_refused():
     touched = torus_touches()
     for wrong in (touched._replace(normals=None), ContactPoints(*(one[:0] for one in touched))):
@@ -361,7 +388,7 @@ def test_points_in_millimetres_are_met_with_a_sentence():
 def test_cells_are_as_large_as_memory_asks(radius: float):
     at = np.random.default_rng(0).normal(size=(4000, 3))
     at *= radius / np.linalg.norm(at, axis=1, keepdims=True)
-    cell, settings = least_cell(at), GridSettings()
+    cell, settings = least_cell(at), DEFAULT_GENERAL.grid
     assert 8.0 * np.pi * (radius / cell) ** 2 <= 1.01 * settings.max_cells
     assert (2.0 * radius / cell) ** 3 <= settings.max_voxels
     assert (cell < 4e-3) == (radius < 0.1)
