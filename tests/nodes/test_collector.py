@@ -74,14 +74,11 @@ def test_ball_that_stands_is_cut_off_at_its_platform():
     assert "turn the object over" in done.reason and "with placement 1" in done.reason
 
 
-def test_touches_of_one_plane_are_no_solid():
+def test_touches_that_make_no_solid_end_with_the_reason():
     places = [(np.array([0.02 * number, 0.0, 0.0]), np.eye(3)) for number in range(4)]
     model, done = solid(patches_at(places, np.full((16, 16), DEPTH)))
     assert not len(model.faces)
     assert done.reason == "all contacts, of 4 of 4 frames, lie in one plane: touch other sides"
-
-
-def test_frames_without_a_contact_end_with_the_reason():
     patches = patches_at([(np.zeros(3), np.eye(3))] * 30, np.zeros((16, 16)))
     *_, (_, done), finished = collected(patches)
     assert isinstance(finished, Finished)
@@ -91,9 +88,6 @@ def test_frames_without_a_contact_end_with_the_reason():
     nothing = example(ShapeModel, number=1, final=True, faces=np.zeros((0, 3), np.int32))
     published = collected(patches, ("/model/shape", nothing))
     assert len(messages_on(published, "/plan/done")) == 1
-
-
-def test_touches_too_far_apart_for_one_object_end_with_the_reason():
     axes = [np.eye(3), np.diag([1.0, -1.0, -1.0])]
     asked = collected(patches_at([(np.array([0, 0, 5.0 * n]), axes[n]) for n in range(2)]))
     [done] = messages_on(asked, "/plan/done")
