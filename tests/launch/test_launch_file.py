@@ -332,10 +332,9 @@ def test_arguments_are_shown_with_default_and_comment(write, line, row):
     assert {"seed $(scene.seed)", "record true keep every message in topics.mcap"} < set(shown)
     path = write("graph.yaml", "nodes: {}\nends: x\n")
     assert arguments_table(path, list_arguments(path)) == f"{path} takes no arguments"
-    arguments = "turns: int = 3, *, name, out: str, speed: 'float | None' = None, **more"
-    text = f"def describe({arguments}):\n    raise SystemExit('called')\n"
-    path = write("graph.py", text)
-    assert rows(path) == ["turns int 3", "name required", "speed float | None None"]
+    text = "turns: int = 3, *, name, out: str, speed: 'float | None' = None, **more"
+    shown = rows(write("graph.py", f"def describe({text}):\n    raise SystemExit('called')\n"))
+    assert shown == ["turns int 3", "name required", "speed float | None None"]
     for name, text, words in (
         ("graph.yaml", "args: [1]\n", "args must be a map of names to defaults"),
         ("graph.py", "1 / 0", "ZeroDivisionError"),
