@@ -50,9 +50,6 @@ class CollectorSettings:
     margin: float = 0.02  # of the mapped space around the box of all contacts [m]
 
 
-COLLECTING = CollectorSettings()
-
-
 class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What the launch file may set."""
 
@@ -88,6 +85,7 @@ class State:
     goals: Mapping[int, tuple[int, int, SurfacePatch]] = field(default_factory=dict)
     over: bool = False  # whether the run has ended without a solid
     end: SequenceEnd | None = None  # known after the last frame
+    settings: CollectorSettings = CollectorSettings()
 
     @property
     def touches(self) -> tuple[int, int]:
@@ -133,12 +131,13 @@ def _when_complete(params: Params, state: State, outputs: Outputs) -> tuple[Stat
     outputs = [*outputs, *(_probe(goal, entry) for goal, entry in partial)]
     world = _world(params, state)
     why = "" if n_contacts else f"none of the {frames} frames shows a contact"
-    if world.reach > COLLECTING.max_reach:
+    max_reach = state.settings.max_reach
+    if world.reach > max_reach:
         why = (
             f"the touches reach {world.reach:.3g} m from their middle, more than "
-            f"{COLLECTING.max_reach:g} m: are the poses in m, and the platform?"
+            f"{max_reach:g} m: are the poses in m, and the platform?"
         )
-        world = replace(world, reach=COLLECTING.max_reach)
+        world = replace(world, reach=max_reach)
     if state.turns and params.platform is None:
         why = (
             "the object was turned over, but the height of its platform is unknown: give it, as "
@@ -170,15 +169,16 @@ def _probe(goal: int, entry: tuple[int, int, SurfacePatch]) -> tuple[str, Probe]
 
 def _world(params: Params, state: State) -> World:
     """The world around the contacts, on the platform, or on the lowest contact if it is unknown."""
-    low, high = state.low - COLLECTING.margin, state.high + COLLECTING.margin
+    margin = state.settings.margin
+    low, high = state.low - margin, state.high + margin
     if not np.isfinite(low).all():
-        low, high = np.zeros(3), np.full(3, COLLECTING.margin)
+        low, high = np.zeros(3), np.full(3, margin)
     platform = float(low[2]) if params.platform is None else params.platform
     sides = 0.5 * np.linalg.norm(high[:2] - low[:2]), high[2] - platform
     return World(
         platform=platform,
         held=params.platform is None,
-        reach=max(*map(float, sides), COLLECTING.margin),
+        reach=max(*map(float, sides), margin),
         centre=0.5 * (low[:2] + high[:2]),
         fingers=1,
         seed=0,
@@ -210,7 +210,9 @@ def take_model(params: Params, state: State, model: ShapeModel) -> tuple[State, 
     assert state.pad is not None and state.world is not None
     frames, n_contacts = state.touches
     limits = params.limits
-    distance = COLLECTING.unknown_distance if limits.feature is None else limits.unknown_distance
+    distance = limits.unknown_distance
+    if limits.feature is None:
+        distance = state.settings.unknown_distance
     pose = Pose.from_array(model.placements[-1]) if len(model.placements) else None
     surface = observed_surface(model, state.pad, state.world, distance, pose=pose)
     if surface is None:

@@ -26,7 +26,7 @@ from palpate.nodes.planning.knowledge import (
 )
 from palpate.nodes.runtime.node import Deferred, Node, NotReadyError, Outputs
 from palpate.nodes.specs.frames import MAX_TURNS
-from palpate.nodes.specs.sensors import SENSING, pad_of_info, resolution_of_info
+from palpate.nodes.specs.sensors import DEFAULT_SENSING, pad_of_info, resolution_of_info
 
 Length = Annotated[float, Meta(gt=0, le=1, description="m")]
 
@@ -133,7 +133,7 @@ def _begun(params: Params, state: State) -> tuple[State, Outputs]:
         robot=RobotPreset.of_array(world.robot) if len(world.robot) else None,
         pad_width=info.pitch * max(info.rows, info.cols),
         resolution=resolution_of_info(info),
-        contact_error=SENSING.contact_error,
+        contact_error=DEFAULT_SENSING.contact_error,
         goals=explore.GoalSettings(touch_ends=params.touch_ends),
     )
     known = explore.Exploration(

@@ -62,9 +62,6 @@ class PlacingSettings:
     min_contacts: int = 8  # with fewer the pose is unknown
 
 
-PLACING = PlacingSettings()
-
-
 class KnownSurface(NamedTuple):
     """Places of a solid in its own frame, and their errors."""
 
@@ -89,7 +86,7 @@ def place_object(
     normals: Floats,
     asked: Floats | None,
     platform: float,
-    settings: PlacingSettings = PLACING,
+    settings: PlacingSettings = PlacingSettings(),
 ) -> Placement | None:
     """How the object lies, or None where the contacts fit in no pose.
 

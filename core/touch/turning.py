@@ -27,16 +27,13 @@ class TurnSettings:
     grip: float = 0.02  # [m] by which the fingers close, and open again
 
 
-TURNING = TurnSettings()
-
-
 def set_down(
     resting: RestingSolid,
     asked: Pose,
     platform: float,
     seed: int,
     number: int,
-    settings: TurnSettings = TURNING,
+    settings: TurnSettings = TurnSettings(),
 ) -> Pose:
     """True pose, in the world, of an object that a hand sets down at `asked` with some error.
 
@@ -56,6 +53,6 @@ def set_down(
     return Pose(np.array([place[0] + shift[0], place[1] + shift[1], platform - lowest]), axes)
 
 
-def turning_distances(settings: TurnSettings = TURNING) -> tuple[float, float]:
+def turning_distances(settings: TurnSettings = TurnSettings()) -> tuple[float, float]:
     """Distances that the hand and its fingers travel to turn the object over [m]."""
     return 2.0 * settings.lift, 2.0 * settings.grip

@@ -26,7 +26,7 @@ from palpate.core.steps import Steps, no_steps
 from palpate.messages import types
 from palpate.nodes.rebuilding.soundness import missing_error
 from palpate.nodes.rebuilding.volume import MeshVolume
-from palpate.nodes.specs.sensors import SENSING
+from palpate.nodes.specs.sensors import DEFAULT_SENSING, SensingSettings
 
 if TYPE_CHECKING:
     from palpate.core.rebuild import GeneralSolid
@@ -322,16 +322,20 @@ def _parts(
 
 
 def coarse_model(
-    number: int, contacts: Floats, *, three_shapes: bool = False
+    number: int,
+    contacts: Floats,
+    *,
+    three_shapes: bool = False,
+    settings: SensingSettings = DEFAULT_SENSING,
 ) -> types.Superquadric:
     """The message for the superquadric fitted to contacts (n, 3) [m].
 
     `three_shapes`: fit the best of a sphere, a box and a cylinder, neither tapered nor bent.
     """
     if three_shapes:
-        fitted = recover(contacts, choice="thesis", noise=SENSING.contact_error)
+        fitted = recover(contacts, choice="thesis", noise=settings.contact_error)
     else:
-        fitted = fit_coarse(contacts, SENSING.contact_error)
+        fitted = fit_coarse(contacts, settings.contact_error)
     return types.Superquadric(
         number=number,
         size=fitted.size,

@@ -35,7 +35,7 @@ class SensingSettings:
     resolution_ratio: float = 0.01  # of the error of contour points without noise to the pitch
 
 
-SENSING = SensingSettings()
+DEFAULT_SENSING = SensingSettings()
 
 
 class PadSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -154,7 +154,7 @@ def pad_of_info(info: SensorInfo) -> touch.Pad:
     )
 
 
-def resolution_of_info(info: SensorInfo, settings: SensingSettings = SENSING) -> float:
+def resolution_of_info(info: SensorInfo, settings: SensingSettings = DEFAULT_SENSING) -> float:
     """Smallest error of a surface that the sensor can measure [m]."""
     return max(settings.resolution_ratio * info.pitch, info.noise)
 
