@@ -24,10 +24,10 @@ from palpate.core.explore.exploration import (
     with_turned as with_turned,
 )
 from palpate.core.explore.free_space import (
-    SWEEPS as SWEEPS,
     TOUCHED as TOUCHED,
     Longs as Longs,
     SpaceMap as SpaceMap,
+    SweepSettings as SweepSettings,
     UntouchedPlaces as UntouchedPlaces,
     empty_map as empty_map,
     spanned_places as spanned_places,

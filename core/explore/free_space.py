@@ -37,9 +37,6 @@ class SweepSettings:
     stride: int = 2  # [taxels] between the points of the face that sweep space
 
 
-SWEEPS = SweepSettings()
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class SpaceMap:
     """A three-state map."""
@@ -62,12 +59,10 @@ class SpaceMap:
         flat[touched] = TOUCHED
         return replace(self, states=states)
 
-    def below(self, points: Floats) -> Floats:
+    def below(self, points: Floats, settings: SweepSettings = SweepSettings()) -> Floats:
         """Places (k, 3) in two layers of voxels below the map, under points (n, 3) [m]."""
-        low, high = (
-            points.min(axis=0) - SWEEPS.below_margin,
-            points.max(axis=0) + SWEEPS.below_margin,
-        )
+        margin = settings.below_margin
+        low, high = points.min(axis=0) - margin, points.max(axis=0) + margin
         x, y = (np.arange(low[axis], high[axis], self.step) for axis in (0, 1))
         heights = self.low[2] - self.step * np.array([1.0, 2.0])
         return np.stack(np.meshgrid(x, y, heights), axis=-1).reshape(-1, 3)
@@ -78,19 +73,30 @@ class SpaceMap:
 
 
 def empty_map(
-    reach: float, platform: float, centre: Sequence[float] = (0.0, 0.0), step: float = SWEEPS.voxel
+    reach: float,
+    platform: float,
+    centre: Sequence[float] = (0.0, 0.0),
+    settings: SweepSettings = SweepSettings(),
 ) -> SpaceMap:
     """A map of all within `reach` [m]: to each side of `centre`, and up from the platform [m].
 
-    Voxels are larger than `step` [m] where the map would have more than `MAX_VOXELS`.
+    Voxels are larger than `settings.voxel` where the map would have more than `MAX_VOXELS`.
     """
-    step = max(step, reach * (4.0 / MAX_VOXELS) ** (1.0 / 3.0))
+    step = max(settings.voxel, reach * (4.0 / MAX_VOXELS) ** (1.0 / 3.0))
     low = np.array([centre[0] - reach, centre[1] - reach, platform])
     shape = [int(np.ceil(side / step)) + 1 for side in (2.0 * reach, 2.0 * reach, reach)]
     return SpaceMap(low, step, np.zeros(shape, np.uint8))
 
 
-def swept_places(pad: Pad, start: Pose, pose: Pose, step: float, *, touched: bool) -> Floats:
+def swept_places(
+    pad: Pad,
+    start: Pose,
+    pose: Pose,
+    step: float,
+    *,
+    touched: bool,
+    settings: SweepSettings = SweepSettings(),
+) -> Floats:
     """Places (n, 3) [m] that the face of a pad has passed in a move, half a `step` [m] apart.
 
     `start` and `pose`: before and after the move. `touched`: whether it ended in contact.
@@ -98,11 +104,11 @@ def swept_places(pad: Pad, start: Pose, pose: Pose, step: float, *, touched: boo
     position, axes = start
     length = float((pose.position - position) @ axes[:, 2])
     if touched:
-        length -= SWEEPS.contact_margin * step + SWEEPS.max_indentation
+        length -= settings.contact_margin * step + settings.max_indentation
     if length <= 0.0:
         return np.zeros((0, 3))
     advances = np.arange(0.0, length, 0.5 * step)
-    some = slice(None, None, SWEEPS.stride)
+    some = slice(None, None, settings.stride)
     x, y = (axis[some, some].ravel() for axis in pad.grid())
     face = np.column_stack([x, y, -pad.sag()[some, some].ravel()]) @ axes.T + position
     return np.asarray((face + advances[:, None, None] * axes[:, 2]).reshape(-1, 3))
@@ -152,12 +158,14 @@ def untouched_places(
     points: Floats,
     normals: Floats,
     settings: ValleySettings = ValleySettings(),
+    sweeps: SweepSettings = SweepSettings(),
 ) -> UntouchedPlaces:
     """Where a pad touched nothing: openings and valleys between contacts, and what hangs free.
 
     `points`, `normals` (k, 3): the contacts [m] and their outward normals. A connected region of
     spanned taxels is a valley if the mean angle between the normals to both sides of its taxels,
-    along rows or columns, exceeds `min_angle`, and no part of it is enclosed by contact.
+    along rows or columns, exceeds `min_angle`, and no part of it is enclosed by contact. Hanging
+    taxels are thinned by the stride of `sweeps`.
     """
     from scipy.ndimage import binary_fill_holes, label, mean
 
@@ -178,7 +186,7 @@ def untouched_places(
     valley = is_valley[regions]
     slopes = np.tan(np.arcsin(np.minimum(sines, settings.max_half_sine)))[regions[valley]]
     hanging = np.zeros_like(touched)
-    some = slice(None, None, SWEEPS.stride)
+    some = slice(None, None, sweeps.stride)
     hanging[some, some] = ~(touched | spanned)[some, some] & touched.any()
     kinds = (spanned & ~valley), valley, hanging
     openings, valleys, free = (face[kind.ravel()] for kind in kinds)

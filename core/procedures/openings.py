@@ -16,7 +16,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from palpate.core.arrays import Bools, Floats
-from palpate.core.explore import SWEEPS, TOUCHED, Longs, SpaceMap, empty_map, swept_places
+from palpate.core.explore import TOUCHED, Longs, SpaceMap, SweepSettings, empty_map, swept_places
 from palpate.core.poses import axes_along
 from palpate.core.procedures.protocol import (
     UP,
@@ -65,6 +65,7 @@ class OpeningSettings:
     bottom_distance: float = 9.0e-3  # [m] from the deepest free place to touched points of a bottom
     min_width: float = 4.0e-3  # [m] of a hole that shows in a tactile image alone
     entry: EntrySettings = EntrySettings()
+    sweeps: SweepSettings = field(default=SweepSettings())
 
 
 class Opening(NamedTuple):
@@ -166,13 +167,15 @@ def _probe(survey: _Survey, move: FingerMove | None) -> Generator[Move, MoveResu
     """One guarded move; keeps the space that it sweeps, its contact, and a possible opening."""
     if move is None:
         return None
-    setup, entry = survey.setup, survey.settings.entry
+    setup, entry, sweeps = survey.setup, survey.settings.entry, survey.settings.sweeps
     contact = yield from touch(setup, move)
     axis, is_stopped = move.pose.axes[:, 2], contact.outcome != "miss"
     if contact.outcome != "inside":
         end = contact.pose if is_stopped else move.pose.advanced(move.reach)
         survey.swept.append(
-            swept_places(setup.pad, move.pose, end, SWEEPS.voxel, touched=is_stopped)
+            swept_places(
+                setup.pad, move.pose, end, sweeps.voxel, touched=is_stopped, settings=sweeps
+            )
         )
     if contact.is_hit:
         survey.points.append(contact.points)
@@ -235,7 +238,7 @@ def _place_groups(places: Floats, max_step: float) -> list[Longs]:
 
 def _findings(survey: _Survey) -> Findings:
     """The openings in the map of space, and those in tactile images."""
-    space = empty_map(survey.setup.reach, survey.setup.platform)
+    space = empty_map(survey.setup.reach, survey.setup.platform, settings=survey.settings.sweeps)
     points = np.concatenate(survey.points)
     free = space.numbers(np.concatenate([np.zeros((0, 3)), *survey.swept]))
     space = space.marked(free, space.numbers(points))

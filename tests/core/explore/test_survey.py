@@ -191,7 +191,7 @@ def test_map_covers_reach_of_finger_in_bounded_memory(reach, platform):
     assert (high >= np.array([0.01 + reach, reach, platform + reach]) - 1e-12).all()
     assert (high < np.array([0.01 + reach, reach, platform + reach]) + space.step).all()
     assert not space.states.any() and space.states.size < 1.05 * 2**23
-    assert (space.step == explore.SWEEPS.voxel) == (reach < 0.2)
+    assert (space.step == explore.SweepSettings().voxel) == (reach < 0.2)
 
 
 def test_touched_voxel_is_never_freed_and_places_beyond_have_none():
@@ -208,7 +208,7 @@ def test_touched_voxel_is_never_freed_and_places_beyond_have_none():
 
 @pytest.mark.parametrize("touched", [False, True])
 def test_move_frees_volume_swept_by_face_but_not_what_it_met(touched):
-    step = explore.SWEEPS.voxel
+    step = explore.SweepSettings().voxel
     places = explore.swept_places(PAD, START, END, step, touched=touched)
     low, high = places.min(axis=0), places.max(axis=0)
     assert (low[:2], high[:2]) == (
