@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from palpate.core.explore import SURVEYING
+from palpate.core.explore import DEFAULT_SURVEY
 from palpate.core.plugins import LENGTHS, TIMES, in_base_unit
 from palpate.launch.files.mesh_file import is_mesh_file
 from palpate.launch.files.source_map import InputError, SourceMapped
@@ -193,7 +193,7 @@ def _choices(demanded: Demanded, settings: Mapping[str, SourceMapped]) -> list[s
         return settings[name].source if name in settings else default
 
     asked, limits = demanded.asked, demanded.asked.demand.limits
-    derived = f"{SURVEYING.feature_ratio:g} times the tolerance"
+    derived = f"{DEFAULT_SURVEY.feature_ratio:g} times the tolerance"
     feature_source = derived if asked.feature is None else source("planner.feature")
     parts = [
         f"tolerance {1e3 * asked.tolerance:.3g} mm ({source('planner.tolerance')})",

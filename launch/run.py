@@ -18,7 +18,7 @@ import numpy as np
 from msgspec import to_builtins
 
 from palpate.core.archive import arrays_from_bytes
-from palpate.core.explore import SURVEYING, GraspSettings
+from palpate.core.explore import DEFAULT_SURVEY, GraspSettings
 from palpate.core.explore.planners import Uniform, make_planner
 from palpate.core.geometry import areas_and_normals
 from palpate.core.robot_time import ROBOT_PRESETS
@@ -254,7 +254,9 @@ def _check_room(asked: planner.Params, entry: Entry, hand: simulator.Params, fin
             "to do: ask for more slices or take fewer fingers",
         )
     low, high = build_shape(hand.object).bounds()
-    spacing = SURVEYING.finger_spacing * hand.sensor.pitch * max(hand.sensor.rows, hand.sensor.cols)
+    spacing = (
+        DEFAULT_SURVEY.finger_spacing * hand.sensor.pitch * max(hand.sensor.rows, hand.sensor.cols)
+    )
     room = int((high[2] - low[2]) / spacing) + 1
     if fingers > room:
         raise entry.error(

@@ -15,7 +15,7 @@ import numpy as np
 from msgspec import Meta, Struct
 
 from palpate.core.arrays import Floats
-from palpate.core.explore import SURVEYING
+from palpate.core.explore import DEFAULT_SURVEY
 from palpate.core.explore.planners import Findings, Limits
 from palpate.core.poses import Pose
 from palpate.core.touch import HITS
@@ -67,7 +67,7 @@ class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
             return Limits(feature=self.feature)
         return Limits(
             tolerance=self.tolerance,
-            feature=self.feature or SURVEYING.feature_ratio * self.tolerance,
+            feature=self.feature or DEFAULT_SURVEY.feature_ratio * self.tolerance,
         )
 
 

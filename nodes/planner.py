@@ -86,7 +86,7 @@ class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
         """The demand on the exploration."""
         return explore.Demand(
             tolerance=self.tolerance,
-            feature=self.feature or explore.SURVEYING.feature_ratio * self.tolerance,
+            feature=self.feature or explore.DEFAULT_SURVEY.feature_ratio * self.tolerance,
             most_touches=math.inf if self.most_touches is None else self.most_touches,
             most_seconds=math.inf if self.most_seconds is None else self.most_seconds,
             underside=self.underside,
@@ -206,14 +206,16 @@ def take_result(
         robot_time=message.robot_time,
         touches=message.touches,
         fault=message.fault,
-        measured=_traced(message, finger.task)
+        measured=_traced(message, finger.task, known.setup.survey)
         if isinstance(message, types.Contour)
         else explore.ProbedPoint(message.outcome, message.point, message.normal),
     )
     return _take_up(state, known.with_finger(message.finger, finger._replace(result=result)))
 
 
-def _traced(contour: types.Contour, task: explore.Task) -> explore.TracedContour:
+def _traced(
+    contour: types.Contour, task: explore.Task, settings: explore.SurveySettings
+) -> explore.TracedContour:
     """A contour in the slicing frame."""
     frame = Pose.from_array(contour.frame)
     gaps = contour.gap_ends - contour.gap_starts
@@ -230,6 +232,7 @@ def _traced(contour: types.Contour, task: explore.Task) -> explore.TracedContour
         seconds=max(contour.robot_time - task.start, 0.0),
         number=contour.id,
         max_touches=task.work.max_touches if isinstance(task.work, explore.TraceSlice) else 0,
+        settings=settings,
     )
 
 

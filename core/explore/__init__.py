@@ -40,10 +40,11 @@ from palpate.core.explore.placing import (
     place_object as place_object,
 )
 from palpate.core.explore.survey import (
-    SURVEYING as SURVEYING,
+    DEFAULT_SURVEY as DEFAULT_SURVEY,
     Demand as Demand,
     ModelUncertainty as ModelUncertainty,
     Survey as Survey,
+    SurveySettings as SurveySettings,
     TracedContour as TracedContour,
     Underside as Underside,
     next_finished as next_finished,

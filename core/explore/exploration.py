@@ -17,10 +17,11 @@ import numpy as np
 from palpate.core.arrays import Floats
 from palpate.core.explore import grasp, planners, probing
 from palpate.core.explore.survey import (
-    SURVEYING,
+    DEFAULT_SURVEY,
     Demand,
     ModelUncertainty,
     Survey,
+    SurveySettings,
     TracedContour,
     next_finished,
     widened,
@@ -115,11 +116,12 @@ class Setup(NamedTuple):
     grasp: GraspSettings = GraspSettings()
     goals: GoalSettings = GoalSettings()
     results: ResultSettings = ResultSettings()
+    survey: SurveySettings = DEFAULT_SURVEY
 
     @property
     def finger_spacing(self) -> float:
         """Height that two fingers keep between them [m]."""
-        return SURVEYING.finger_spacing * self.pad_width
+        return self.survey.finger_spacing * self.pad_width
 
 
 UNTURNED = Pose.from_array(IDENTITY_POSE)
@@ -384,6 +386,7 @@ def _with_axis(known: Exploration, axis: Floats | None) -> Exploration:
         standing=upright,
         # never beyond the expected ends
         reached=(max(float(heights.min()), frame.low), min(float(heights.max()), frame.high)),
+        settings=setup.survey,
     )
     return replace(known, survey=survey)
 
@@ -430,7 +433,8 @@ def with_result(known: Exploration, finger: int, feature: float) -> Exploration:
     if not result.touches:
         return known
     if isinstance(result.measured, TracedContour):
-        return replace(known, survey=known.surveyed.with_slice(widened(result.measured, feature)))
+        contour = widened(result.measured, feature, known.setup.survey)
+        return replace(known, survey=known.surveyed.with_slice(contour))
     if isinstance(task.work, TouchEnd):
         return _with_end_touch(known, task.number, task.work, result.measured)
     return _with_single(known, task, result.measured)

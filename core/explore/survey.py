@@ -44,7 +44,7 @@ class SurveySettings:
     approach_distance: float = 30e-3  # [m] from the widest contour so far, where the pad starts
 
 
-SURVEYING = SurveySettings()
+DEFAULT_SURVEY = SurveySettings()
 
 
 # The side on which an object stands is assumed flat, or must be touched ("known").
@@ -97,11 +97,12 @@ class Survey:
     ends: Mapping[End, tuple[ProbeResult, ...]] = field(default_factory=dict)
     tips: tuple[Floats, ...] = ()  # (3,) [m] outermost touched place of each touched end
     uncertainty: ModelUncertainty = field(default_factory=ModelUncertainty)  # of the last model
+    settings: SurveySettings = DEFAULT_SURVEY
 
     @property
     def slices(self) -> tuple[ObservedSlice, ...]:
         """Slices in the form that planners use, in the same order."""
-        return observed_slices(self.traced, self._deviations())
+        return observed_slices(self.traced, self._deviations(), self.settings)
 
     @property
     def contours(self) -> tuple[int, ...]:
@@ -122,9 +123,9 @@ class Survey:
         """Expected middle (2,) [m] of a slice, and the distance [m] from which the pad comes."""
         contours = [contour for contour in self.traced if contour.usable]
         if not contours:
-            return np.zeros(2), self.frame.radius + SURVEYING.approach_distance
+            return np.zeros(2), self.frame.radius + self.settings.approach_distance
         heights, points = [made.height for made in contours], [made.points for made in contours]
-        return expected_approach(height, heights, points, self.tips)
+        return expected_approach(height, heights, points, self.tips, self.settings)
 
     def outermost(self, *, upper: bool) -> TracedContour | None:
         """The usable contour nearest to an end; None while there is none."""
@@ -184,12 +185,14 @@ class Survey:
 
 @lru_cache(maxsize=4)  # between two contours many decisions are made
 def observed_slices(
-    traced: tuple[TracedContour, ...], deviations: tuple[float, ...]
+    traced: tuple[TracedContour, ...],
+    deviations: tuple[float, ...],
+    settings: SurveySettings = DEFAULT_SURVEY,
 ) -> tuple[ObservedSlice, ...]:
     """Slices in the form that planners use, in the same order."""
     seen = iter(zip(*contour_axis([contour for contour in traced if contour.usable]), strict=True))
     return tuple(
-        _seen(made, *next(seen), deviation)
+        _seen(made, *next(seen), deviation, settings)
         if made.usable
         else slice_without_contour(made.height, made.outcome, made.touches, made.seconds)
         for made, deviation in zip(traced, deviations, strict=True)
@@ -225,13 +228,19 @@ def _surrounds(points: Floats, place: Floats) -> bool:
     return abs(turn[-1] - turn[0]) > np.pi and float(np.linalg.norm(away, axis=1).min()) > 0.0
 
 
-def _seen(contour: TracedContour, place: Floats, lean: Floats, deviation: float) -> ObservedSlice:
+def _seen(
+    contour: TracedContour,
+    place: Floats,
+    lean: Floats,
+    deviation: float,
+    settings: SurveySettings,
+) -> ObservedSlice:
     away = contour.points[:, :2] - place
     radii = np.linalg.norm(away, axis=1)
     outward = away / np.maximum(radii, np.finfo(float).tiny)[:, None]
-    facing = np.maximum((contour.normals[:, :2] * outward).sum(axis=1), SURVEYING.min_facing)
+    facing = np.maximum((contour.normals[:, :2] * outward).sum(axis=1), settings.min_facing)
     moved = contour.normals[:, 2] + contour.normals[:, :2] @ lean
-    around = _by_azimuth(np.arctan2(away[:, 1], away[:, 0]))
+    around = _by_azimuth(np.arctan2(away[:, 1], away[:, 0]), settings.n_azimuths)
     return ObservedSlice(
         height=contour.height,
         outcome=contour.outcome,
@@ -246,10 +255,10 @@ def _seen(contour: TracedContour, place: Floats, lean: Floats, deviation: float)
     )
 
 
-def _by_azimuth(turns: Floats) -> Callable[[Floats], Floats]:
-    """A function that interpolates values (n,) at azimuths (n,) [rad] to the even azimuths."""
+def _by_azimuth(turns: Floats, count: int) -> Callable[[Floats], Floats]:
+    """A function that interpolates values (n,) at azimuths (n,) [rad] to `count` even ones."""
     whole = 2.0 * np.pi
-    at, turns = whole * np.arange(SURVEYING.n_azimuths) / SURVEYING.n_azimuths, turns % whole
+    at, turns = whole * np.arange(count) / count, turns % whole
     order = np.argsort(turns)
     closed = np.concatenate([order[-1:], order, order[:1]])
     known = turns[closed] + np.concatenate([[-whole], np.zeros(len(order)), [whole]])
@@ -257,13 +266,17 @@ def _by_azimuth(turns: Floats) -> Callable[[Floats], Floats]:
 
 
 def expected_approach(
-    height: float, heights: Sequence[float], contours: Sequence[Floats], tips: Sequence[Floats] = ()
+    height: float,
+    heights: Sequence[float],
+    contours: Sequence[Floats],
+    tips: Sequence[Floats] = (),
+    settings: SurveySettings = DEFAULT_SURVEY,
 ) -> tuple[Floats, float]:
     """Expected middle (2,) [m] of a slice, and the distance [m] from which the pad comes."""
     nearest = int(np.argmin([abs(other - height) for other in heights]))
     middle = _leant(height, heights[nearest], contours[nearest], tips)
     widest = max(float(np.linalg.norm(points[:, :2] - middle, axis=1).max()) for points in contours)
-    return middle, widest + SURVEYING.approach_distance
+    return middle, widest + settings.approach_distance
 
 
 def _leant(height: float, nearest: float, contour: Floats, tips: Sequence[Floats]) -> Floats:
@@ -293,6 +306,7 @@ class TracedContour:
     number: int = 0  # of its goal
     max_touches: int = 0  # after which tracing would have given up
     dropped: bool = False  # whether the model left it out
+    settings: SurveySettings = DEFAULT_SURVEY
 
     @property
     def outcome(self) -> SliceOutcome:
@@ -318,8 +332,8 @@ class TracedContour:
             return SliceOutcome.CUT
         if self.status not in ("closed", "occluded"):
             return SliceOutcome.FAILED
-        gaps = SURVEYING.max_missing * self.perimeter
-        if len(self.points) < SURVEYING.min_points or self.missing > gaps:
+        gaps = self.settings.max_missing * self.perimeter
+        if len(self.points) < self.settings.min_points or self.missing > gaps:
             return SliceOutcome.FAILED
         return SliceOutcome.CLOSED if self.status == "closed" else SliceOutcome.OCCLUDED
 
@@ -340,10 +354,12 @@ class TracedContour:
         return float(np.linalg.norm(steps, axis=1).sum())
 
 
-def widened(contour: TracedContour, feature: float) -> TracedContour:
+def widened(
+    contour: TracedContour, feature: float, settings: SurveySettings = DEFAULT_SURVEY
+) -> TracedContour:
     """A contour whose bands include those of points within half a `feature` [m] beside them."""
     low, high = contour.contact_low, contour.contact_high
-    for shift in range(1, SURVEYING.max_band_shift + 1):
+    for shift in range(1, settings.max_band_shift + 1):
         for step in (shift, -shift):
             away = np.linalg.norm(contour.points - np.roll(contour.points, step, axis=0), axis=1)
             near = away <= 0.5 * feature

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from palpate.core.arrays import Floats
-from palpate.core.explore import SURVEYING
+from palpate.core.explore import DEFAULT_SURVEY
 from palpate.core.poses import IDENTITY_POSE, Pose
 from palpate.core.robot_time import ROBOT_PRESETS
 from palpate.core.steps import no_steps
@@ -279,9 +279,9 @@ def test_default_rule_covers_the_side_beside_its_models_and_states_a_bound():
     [done] = messages_on(predicted(), "/plan/done")
     tolerance = Params().tolerance
     assert done.reached and done.rms_bound_95 < tolerance
-    assert done.largest_untouched <= SURVEYING.feature_ratio * tolerance
+    assert done.largest_untouched <= DEFAULT_SURVEY.feature_ratio * tolerance
     heights = sorted(goal.height for goal in messages_on(predicted(), "/contour/goal"))
-    assert max(np.diff(heights)) <= 8e-3 + SURVEYING.feature_ratio * tolerance + 1e-9
+    assert max(np.diff(heights)) <= 8e-3 + DEFAULT_SURVEY.feature_ratio * tolerance + 1e-9
     estimates = sorted(messages_on(predicted(), "/plan/estimate"), key=lambda one: one.number)
     judged = [*messages_on(predicted(), "/model/goal")[1:], done]
     assert [one.number for one in estimates] == [one.number for one in judged]
