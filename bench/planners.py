@@ -93,7 +93,7 @@ def planner_rows(quick: bool) -> Iterable[Row]:
     yield from step_rule_rows({**HELD_OUT, **drawn}, settings)
     yield from plan_calibration_rows(settings)
     trial = rules.PlannerTrial(rules.TUNED["bottle"])
-    heights = rules.TRIAL.extent * np.linspace(0.03, 0.97, 12)
+    heights = trial.settings.extent * np.linspace(0.03, 0.97, 12)
     slices = tuple(trial.slice_at(height) for height in heights.tolist())
     decide = partial(rules.Predicted().next, rules.observation_of(slices, 0.0002))
     milliseconds, most = 1e3 * best_seconds(decide, 9), settings.max_decision_time
@@ -143,7 +143,7 @@ def greedy_count(trial: rules.PlannerTrial, max_error: float, n_candidates: int)
     """Slices of a planner that sees the truth and always takes the height that helps most."""
     heights = _even_heights(n_candidates)
     slices = [trial.slice_at(heights[0]), trial.slice_at(heights[-1])]
-    while trial.rms(slices) > max_error and len(slices) < rules.TRIAL.max_slices:
+    while trial.rms(slices) > max_error and len(slices) < trial.settings.max_slices:
         taken = {slice_.height for slice_ in slices}
         offers = [trial.slice_at(height) for height in heights if height not in taken]
         slices.append(min(offers, key=lambda offer: trial.rms([*slices, offer])))
@@ -155,7 +155,7 @@ def _even_heights(count: int) -> list[float]:
     shares = np.linspace(
         rules.SliceSettings().end_fraction, 1.0 - rules.SliceSettings().end_fraction, count
     )
-    heights: list[float] = (rules.TRIAL.extent * shares).tolist()
+    heights: list[float] = (rules.DEFAULT_TRIAL.extent * shares).tolist()
     return heights
 
 
@@ -184,7 +184,7 @@ def step_rule_rows(
     }
     for name, planner in planners.items():
         counts = np.array([plan_count(planner, trial, max_error) for trial in trials.values()])
-        good = counts[counts < rules.TRIAL.max_slices]
+        good = counts[counts < rules.DEFAULT_TRIAL.max_slices]
         shown = f"{good.mean():.1f}, {len(counts) - len(good)} of {len(counts)} failed"
         yield Row(f"steps by {name}: contours where they suffice", shown)
     predicted = first_counts(rules.Predicted(), trials, max_error)
@@ -198,11 +198,11 @@ def even_counts(trials: Trials, max_error: float, *, slopes: bool = True) -> Cou
     """The smallest number of even slices that suffices."""
 
     def smallest(trial: rules.PlannerTrial) -> int:
-        for count in range(2, rules.TRIAL.max_slices):
+        for count in range(2, trial.settings.max_slices):
             slices = [trial.slice_at(height) for height in _even_heights(count)]
             if trial.rms(slices, slopes=slopes) <= max_error:
                 return count
-        return rules.TRIAL.max_slices
+        return trial.settings.max_slices
 
     return {name: smallest(trial) for name, trial in trials.items()}
 
@@ -211,7 +211,7 @@ def first_counts(planner: rules.Planner, trials: Trials, max_error: float) -> Co
     """The number of slices of a plan after which the side is first good enough."""
     return {
         name: _first(errors_of(trial, rules.run_planner(planner, trial, max_error)[0]), max_error)
-        or rules.TRIAL.max_slices
+        or trial.settings.max_slices
         for name, trial in trials.items()
     }
 
@@ -250,9 +250,9 @@ def plan_claim(trial: rules.PlannerTrial, tolerance: float, max_slices: int = 40
     """Run the default planner until it stops, and compare its bound with the true error."""
     slices, _ = rules.run_planner(rules.Predicted(), trial, tolerance, most=max_slices)
     bounds = [
-        1.0 if estimate.rms_bound_95 is None else estimate.rms_bound_95 / rules.TRIAL.extent
+        1.0 if estimate.rms_bound_95 is None else estimate.rms_bound_95 / trial.settings.extent
         for estimate in (
-            rules.estimate_error(rules.observation_of(slices[: i + 1], tolerance))
+            rules.estimate_error(rules.observation_of(slices[: i + 1], tolerance, trial.settings))
             for i in range(len(slices))
         )
     ]
@@ -355,7 +355,7 @@ def by_kind(objects: Mapping[str, rules.Radius]) -> dict[str, dict[str, rules.Pl
 def kind_of(radius: rules.Radius) -> str:
     """Plain, featured or sharp."""
     middle = np.linspace(0.1, 0.9, 401)
-    curvatures = rules.measure_side(radius, middle, rules.TRIAL.azimuths).curvatures
+    curvatures = rules.measure_side(radius, middle, rules.DEFAULT_TRIAL.azimuths).curvatures
     largest = float(np.abs(curvatures).mean(axis=1).max())
     return next(kind for kind, most in KINDS.items() if largest < most)
 
@@ -381,14 +381,14 @@ def judge_rule(
 ) -> tuple[float, int]:
     """Mean contours of a rule, and how many objects it does not rebuild well enough."""
     counts = [plan_count(rule, trial, max_error) for trial in trials.values()]
-    return float(np.mean(counts)), counts.count(rules.TRIAL.max_slices)
+    return float(np.mean(counts)), counts.count(rules.DEFAULT_TRIAL.max_slices)
 
 
 def plan_count(planner: rules.Planner, trial: rules.PlannerTrial, max_error: float) -> int:
     """Contours of a plan if the side is good enough at its end, else the largest number."""
     slices, stop = rules.run_planner(planner, trial, max_error)
     is_done = stop is not None and trial.rms(slices) <= max_error
-    return len(slices) if is_done else rules.TRIAL.max_slices
+    return len(slices) if is_done else trial.settings.max_slices
 
 
 def finding(kind: str, chosen: Mapping[str, ChosenRule]) -> Row:

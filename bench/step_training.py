@@ -65,9 +65,8 @@ def samples(settings: TrainingSettings) -> Iterator[tuple[float, float, float, f
 
 
 def _curvature(trial: rules.PlannerTrial, share: float) -> float:
-    return rules.mean_profile_curvature(
-        trial.slice_at(share * rules.TRIAL.extent), rules.TRIAL.extent
-    )
+    extent = trial.settings.extent
+    return rules.mean_profile_curvature(trial.slice_at(share * extent), extent)
 
 
 def _error(
@@ -75,10 +74,11 @@ def _error(
 ) -> float:
     """Root mean square error of the side between two slices, as a fraction of the height."""
     low, high = sorted((first, second))
-    slices = [trial.slice_at(share * rules.TRIAL.extent) for share in (low, high)]
+    extent = trial.settings.extent
+    slices = [trial.slice_at(share * extent) for share in (low, high)]
     heights = low + (high - low) * np.linspace(0.0, 1.0, n_compared)
-    squares = rules.hermite(rules.stack_slices(slices, 0.0, rules.TRIAL.extent), heights)
-    truth = rules.measure_side(radius, heights, rules.TRIAL.azimuths)
+    squares = rules.hermite(rules.stack_slices(slices, 0.0, extent), heights)
+    truth = rules.measure_side(radius, heights, trial.settings.azimuths)
     errors = (np.sqrt(np.maximum(squares, 0.0)) - truth.radii) / np.sqrt(1.0 + truth.slopes**2)
     return float(np.sqrt(np.mean(errors**2)))
 

@@ -33,7 +33,7 @@ from palpate.bench.rebuilt import (
 from palpate.bench.table import Figure, best_seconds, figure_of
 from palpate.core import thesis
 from palpate.core.arrays import Floats
-from palpate.core.explore.planners import TRIAL, PlannerTrial, Thesis, run_planner
+from palpate.core.explore.planners import PlannerTrial, Thesis, run_planner
 from palpate.core.geometry import nearest_points, prepare_surface, solidity
 from palpate.core.poses import Pose
 from palpate.core.rebuild import reconstruct
@@ -213,7 +213,8 @@ def stepped_example(*, is_short: bool, settings: ThesisSettings = DEFAULT_THESIS
         rule = Thesis(least=settings.min_step_ratio * longest, most=longest, caution=caution)
         slices, _ = run_planner(rule, trial, settings.tolerance, most=count + 1)
         if len(slices) == count:
-            heights = 2.0 * np.sort([slice_.height for slice_ in slices]) / TRIAL.extent - 1.0
+            heights = 2.0 * np.sort([slice_.height for slice_ in slices])
+            heights = heights / trial.settings.extent - 1.0
             return SECOND._replace(name=f"{SECOND.name}, own steps, {eta}", heights=heights)
     raise ValueError(f"no step gives {count} contours of {SECOND.name}")
 

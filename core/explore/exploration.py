@@ -117,6 +117,7 @@ class Setup(NamedTuple):
     goals: GoalSettings = GoalSettings()
     results: ResultSettings = ResultSettings()
     survey: SurveySettings = DEFAULT_SURVEY
+    slicing: planners.SliceSettings = planners.SliceSettings()
 
     @property
     def finger_spacing(self) -> float:
@@ -297,6 +298,7 @@ class Exploration:
             general=self.model.general,
             tried=np.reshape(self.targets, (-1, 3)),
             resting=self.fingers[finger].resting,
+            slicing=setup.slicing,
         )
 
     def usual_touches(self, demand: Demand) -> float:

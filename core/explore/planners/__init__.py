@@ -79,7 +79,7 @@ from palpate.core.explore.planners.touches import (
     next_touch as next_touch,
 )
 from palpate.core.explore.planners.trial import (
-    TRIAL as TRIAL,
+    DEFAULT_TRIAL as DEFAULT_TRIAL,
     TUNED as TUNED,
     PlannerTrial as PlannerTrial,
     Radius as Radius,

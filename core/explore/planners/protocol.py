@@ -48,9 +48,6 @@ class SliceSettings:
     end_deviations: float = 2.0  # [standard deviations of an end] the same, at least
 
 
-SLICES = SliceSettings()
-
-
 class SliceOutcome(StrEnum):
     """How a slice ended."""
 
@@ -171,6 +168,7 @@ class Observation:
     general: bool = False  # `surface` is a general solid, by which touches are planned, not slices
     tried: Floats = field(default_factory=lambda: np.zeros((0, 3)))  # [m] recent targets of touches
     resting: Floats | None = None  # (3,) [m] place of the finger that asks, world frame
+    slicing: SliceSettings = field(default=SliceSettings(), repr=False)
 
     def __post_init__(self) -> None:
         if not -math.inf < self.low < self.high < math.inf:
@@ -219,12 +217,12 @@ class Observation:
     @property
     def spacing(self) -> float:
         """Smallest distance of two slices [m]."""
-        return min(self.feature, SLICES.min_spacing * self.extent)
+        return min(self.feature, self.slicing.min_spacing * self.extent)
 
     @property
     def end_uncertainty(self) -> float:
         """Height that may be missing at the less certain end [m]."""
-        return SLICES.end_deviations * max(self.low_deviation, self.high_deviation)
+        return self.slicing.end_deviations * max(self.low_deviation, self.high_deviation)
 
 
 class Height(NamedTuple):
@@ -268,11 +266,9 @@ class Planner(Protocol):
         ...
 
 
-def first_and_last(
-    observation: Observation, settings: SliceSettings = SLICES
-) -> tuple[float, float]:
+def first_and_last(observation: Observation) -> tuple[float, float]:
     """Heights of the lowest and the highest slice [m]."""
-    extent = observation.extent
+    extent, settings = observation.extent, observation.slicing
     wanted = max(
         settings.end_tolerances * observation.tolerance, settings.min_end_fraction * extent
     )

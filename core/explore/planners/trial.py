@@ -9,7 +9,7 @@ with `TUNED`.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -36,6 +36,7 @@ class TrialSettings:
     n_heights: int = 401  # at which a side is compared with the truth
     max_slices: int = 21  # counted for a plan that does not reach the tolerance
     min_radius: float = 1e-3  # [height] of a measured radius, at least
+    slicing: protocol.SliceSettings = field(default=protocol.SliceSettings())
 
     @property
     def azimuths(self) -> Floats:
@@ -45,11 +46,11 @@ class TrialSettings:
     @property
     def heights(self) -> Floats:
         """Heights (n_heights,) at which a side is measured, as fractions of the height."""
-        end = protocol.SLICES.end_fraction
+        end = self.slicing.end_fraction
         return np.linspace(end, 1.0 - end, self.n_heights)
 
 
-TRIAL = TrialSettings()
+DEFAULT_TRIAL = TrialSettings()
 
 
 class PlannerTrial:
@@ -60,10 +61,11 @@ class PlannerTrial:
         radius: Radius,
         noise: float = 0.0,
         seed: int = 0,
-        settings: TrialSettings = TRIAL,
+        settings: TrialSettings = DEFAULT_TRIAL,
     ) -> None:
         """Take `noise` as the standard deviation of a pad's position [m]."""
-        self._radius, self._noise, self._seed, self._settings = radius, noise, seed, settings
+        self.settings = settings
+        self._radius, self._noise, self._seed = radius, noise, seed
         azimuths = settings.azimuths
         truth = measure_side(radius, settings.heights, azimuths)
         turning = np.gradient(truth.radii, azimuths, axis=1) / truth.radii
@@ -75,7 +77,7 @@ class PlannerTrial:
 
     def slice_at(self, height: float) -> protocol.ObservedSlice:
         """The slice that is traced at a height [m]."""
-        share = height / self._settings.extent
+        share = height / self.settings.extent
         if not 0.0 < share < 1.0:
             return lost_slice(height)
         if height not in self._slices:
@@ -87,9 +89,9 @@ class PlannerTrial:
         usable = sorted((made for made in slices if made.usable), key=lambda made: made.height)
         if len(usable) < 2:
             return 1.0
-        profile = stack_slices(usable, 0.0, self._settings.extent)
+        profile = stack_slices(usable, 0.0, self.settings.extent)
         # Beyond the first and the last contour nothing is rebuilt: the nearest one is continued.
-        inside = np.clip(self._settings.heights, profile.heights[0], profile.heights[-1])
+        inside = np.clip(self.settings.heights, profile.heights[0], profile.heights[-1])
         if slopes:
             squares = hermite(profile, inside)
         else:
@@ -99,14 +101,14 @@ class PlannerTrial:
 
     def _trace(self, share: float) -> protocol.ObservedSlice:
         """The slice at a fraction of the height."""
-        extent = self._settings.extent
-        exact = measure_side(self._radius, np.array([share]), self._settings.azimuths)
+        extent = self.settings.extent
+        exact = measure_side(self._radius, np.array([share]), self.settings.azimuths)
         measured = self._disturbed(exact, share) if self._noise else exact
-        reach = self._settings.half_band / np.sqrt(1.0 + exact.slopes[0] ** 2)
+        reach = self.settings.half_band / np.sqrt(1.0 + exact.slopes[0] ** 2)
         return protocol.ObservedSlice(
             height=share * extent,
             outcome=protocol.SliceOutcome.CLOSED,
-            radii=np.maximum(measured.radii[0], self._settings.min_radius) * extent,
+            radii=np.maximum(measured.radii[0], self.settings.min_radius) * extent,
             slopes=measured.slopes[0],
             curvatures=measured.curvatures[0] / extent,
             contact_low=share * extent - reach,
@@ -117,7 +119,7 @@ class PlannerTrial:
     def _disturbed(self, exact: MeasuredSide, share: float) -> MeasuredSide:
         """The side as touches measure it, each of which is off as a whole."""
         rng = np.random.default_rng([self._seed, round(1e6 * share)])
-        settings = self._settings
+        settings = self.settings
         width = settings.n_azimuths_per_touch
         touches = settings.n_azimuths // width
         shift = np.repeat(rng.normal(size=touches), width) * self._noise / settings.extent
@@ -157,19 +159,22 @@ def run_planner(
     planner: protocol.Planner,
     trial: PlannerTrial,
     tolerance: float,
-    most: int = TRIAL.max_slices - 1,
+    most: int | None = None,
 ) -> tuple[tuple[protocol.ObservedSlice, ...], protocol.Stop | None]:
     """Let a planner work until it stops, or has `most` slices.
 
-    `tolerance`: root mean square error asked for, over the object's height. Raises ValueError if an
+    `tolerance`: root mean square error asked for, over the object's height. `most`: if None, one
+    less than `max_slices` of the trial. Raises ValueError if an
     answer is invalid; see `palpate.core.explore.planners.check_choice`.
     """
     slices: tuple[protocol.ObservedSlice, ...] = ()
+    settings = trial.settings
+    limit = settings.max_slices - 1 if most is None else most
     while True:
-        choice = protocol.check_choice(planner, observation_of(slices, tolerance))
+        choice = protocol.check_choice(planner, observation_of(slices, tolerance, settings))
         if isinstance(choice, protocol.Stop):
             return slices, choice
-        if len(slices) >= most or not isinstance(choice, protocol.Height):
+        if len(slices) >= limit or not isinstance(choice, protocol.Height):
             return slices, None
         slices = (*slices, trial.slice_at(choice.height))
 
@@ -177,7 +182,7 @@ def run_planner(
 def observation_of(
     slices: tuple[protocol.ObservedSlice, ...],
     tolerance: float,
-    settings: TrialSettings = TRIAL,
+    settings: TrialSettings = DEFAULT_TRIAL,
 ) -> protocol.Observation:
     """What a planner observes of a trial; `tolerance` over the object's height."""
     return protocol.Observation(
@@ -187,6 +192,7 @@ def observation_of(
         resolution=settings.resolution,
         feature=settings.feature,
         slices=slices,
+        slicing=settings.slicing,
     )
 
 
