@@ -30,7 +30,7 @@ from palpate.bench.harness import NOISY, Demand, Explored, explore_object
 from palpate.bench.results import read_form, write_form
 from palpate.bench.table import Figure, figure_of
 from palpate.core.arrays import Floats
-from palpate.core.explore.planners import PLACES
+from palpate.core.explore.planners import DEFAULT_SURFACE
 from palpate.core.geometry import areas_and_normals, nearest_points, nearest_search, sample_surface
 from palpate.core.shapes import Mesh
 from palpate.launch.files.mesh_file import read_mesh
@@ -443,7 +443,8 @@ def _parts(
     distances, bounds = model.vertex_distances[nearest], model.vertex_bounds[nearest]
     part = np.digitize(distances, part_distances)
     if platform is not None:
-        part[side.places[:, 2] < platform + PLACES.standing_height] = PART_NAMES.index("underside")
+        lowest = platform + DEFAULT_SURFACE.places.standing_height
+        part[side.places[:, 2] < lowest] = PART_NAMES.index("underside")
     for number, name in enumerate(PART_NAMES):
         own = part == number
         if own.any():

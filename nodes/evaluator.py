@@ -11,7 +11,7 @@ from functools import partial
 import msgspec
 
 from palpate.core import geometry
-from palpate.core.explore.planners import PLACES
+from palpate.core.explore.planners import DEFAULT_SURFACE
 from palpate.core.steps import Steps
 from palpate.messages.types import Score, ShapeModel, Truth
 from palpate.nodes.runtime.node import Deferred, Finished, Node, Outputs
@@ -32,8 +32,9 @@ class TrueSurface:
 
     def __init__(self, truth: Truth, thinning: int = 20) -> None:
         self.height = truth.height
+        standing = DEFAULT_SURFACE.places.standing_height
         self.exposed = (  # minimum height of the surface that fingers can touch [m]
-            -math.inf if truth.platform is None else truth.platform + PLACES.standing_height
+            -math.inf if truth.platform is None else truth.platform + standing
         )
         solid = geometry.solidity(truth.vertices, truth.faces)
         self.volume = solid.volume  # [m^3]

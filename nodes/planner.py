@@ -303,6 +303,7 @@ def _surface(
         aimed=known.aimed,
         earlier=earlier,
         pose=pose if known.lying.placement else None,
+        settings=known.setup.surface,
     )
 
 

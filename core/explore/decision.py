@@ -132,7 +132,12 @@ def _turn_goal(known: Exploration, demand: Demand, rule: planners.Planner) -> Go
     findings = planners.estimate_error(observation).findings
     if planners.judge(findings, observation.limits).reached:
         return None
-    turn = planners.choose_turn(surface, demand.tolerance, underside=demand.underside == "known")
+    turn = planners.choose_turn(
+        surface,
+        demand.tolerance,
+        underside=demand.underside == "known",
+        settings=known.setup.turning,
+    )
     return None if turn is None else TurnObject(turn @ lying.pose)
 
 

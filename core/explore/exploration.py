@@ -118,6 +118,8 @@ class Setup(NamedTuple):
     results: ResultSettings = ResultSettings()
     survey: SurveySettings = DEFAULT_SURVEY
     slicing: planners.SliceSettings = planners.SliceSettings()
+    surface: planners.SurfaceSettings = planners.DEFAULT_SURFACE
+    turning: planners.TurningSettings = planners.TurningSettings()
 
     @property
     def finger_spacing(self) -> float:

@@ -7,11 +7,13 @@ import numpy as np
 from palpate.core.arrays import Floats
 from palpate.core.explore import Lying
 from palpate.core.explore.planners import (
+    DEFAULT_SURFACE,
     Findings,
     Limits,
     ObservedSurface,
     OpenArea,
     Progress,
+    SurfaceSettings,
     judge,
 )
 from palpate.core.poses import Pose
@@ -56,6 +58,7 @@ def observed_surface(
     aimed: Floats | None = None,  # targets of single touches, (n, 3) [m]
     earlier: tuple[Progress, ...] = (),  # progress with fewer touches
     pose: Pose | None = None,  # of the object in the world, if it was turned over
+    settings: SurfaceSettings = DEFAULT_SURFACE,
 ) -> ObservedSurface | None:
     """The model for planners of single touches; None if it states no errors."""
     if not len(model.vertex_errors):
@@ -79,6 +82,7 @@ def observed_surface(
         touches=model.touches,
         earlier=earlier,
         pose=pose,
+        settings=settings,
     )
 
 

@@ -36,6 +36,7 @@ from palpate.core.explore.planners.predicted import (
     COVERING as COVERING,
     UNTOUCHED as UNTOUCHED,
     Predicted as Predicted,
+    PredictedSettings as PredictedSettings,
 )
 from palpate.core.explore.planners.protocol import (
     ALL_REACHED as ALL_REACHED,
@@ -62,11 +63,11 @@ from palpate.core.explore.planners.protocol import (
     slice_without_contour as slice_without_contour,
 )
 from palpate.core.explore.planners.surface import (
-    HIDDEN as HIDDEN,
-    PLACES as PLACES,
+    DEFAULT_SURFACE as DEFAULT_SURFACE,
     ObservedSurface as ObservedSurface,
     OpenArea as OpenArea,
     Progress as Progress,
+    SurfaceSettings as SurfaceSettings,
 )
 from palpate.core.explore.planners.thesis import (
     TEMPLATES as TEMPLATES,
@@ -76,6 +77,7 @@ from palpate.core.explore.planners.thesis import (
 )
 from palpate.core.explore.planners.touches import (
     Touches as Touches,
+    TouchPlannerSettings as TouchPlannerSettings,
     next_touch as next_touch,
 )
 from palpate.core.explore.planners.trial import (
@@ -90,6 +92,7 @@ from palpate.core.explore.planners.trial import (
     run_planner as run_planner,
 )
 from palpate.core.explore.planners.turning import (
+    TurningSettings as TurningSettings,
     choose_turn as choose_turn,
 )
 from palpate.core.explore.planners.uniform import (

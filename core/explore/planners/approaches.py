@@ -50,9 +50,6 @@ class ApproachSettings:
     clearance: float = 1.0e-3  # [m] of the finger from the pedestal
 
 
-APPROACHES = ApproachSettings()
-
-
 class TouchOffer(NamedTuple):
     """A touch that can be made."""
 
@@ -62,17 +59,15 @@ class TouchOffer(NamedTuple):
     places: Ints  # (k,) numbers of the places that are known afterwards
 
 
-def touch_offers(
-    surface: ObservedSurface, settings: ApproachSettings = APPROACHES
-) -> list[TouchOffer]:
+def touch_offers(surface: ObservedSurface) -> list[TouchOffer]:
     """Touches that can be made where errors are largest, the largest first."""
-    places, width = surface.places, pad_width(surface.pad)
+    places, width, settings = surface.places, pad_width(surface.pad), surface.settings.approaches
     tree = point_tree(places.points)
     offers: list[TouchOffer] = []
     for number in _worst(surface, tree, width, settings):
         about = tree.query_ball_point(places.points[number], settings.normal_radius * width)
         normal = places.normals[about].mean(axis=0)
-        offer = _best_approach(surface, tree, number, normal, settings)
+        offer = _best_approach(surface, tree, number, normal)
         if offer is not None:
             offers.append(offer)
     return offers
@@ -102,15 +97,14 @@ def _best_approach(
     tree: cKDTree,
     number: int,
     normal: Floats,
-    settings: ApproachSettings,
 ) -> TouchOffer | None:
     """The approach of a place by which most of the squared errors are met; None if none is free."""
     best, best_gain = None, 0.0
     length = float(np.linalg.norm(normal))
     if not length > 0.0:
         return None
-    for tilt, outward in approach_directions(normal / length):
-        offer = _approach(surface, tree, number, outward, settings)
+    for tilt, outward in approach_directions(normal / length, surface.settings.hollows):
+        offer = _approach(surface, tree, number, outward, surface.settings.approaches)
         if offer is None:
             continue
         gain = float(surface.squares[offer.places].sum())

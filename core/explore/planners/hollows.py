@@ -31,7 +31,6 @@ class HollowSettings:
     n_opening_aims: int = 2  # touches aimed at an opening, after which no more are
 
 
-HOLLOWS = HollowSettings()
 RIDGE = 1e-15  # [m^2] added to a sum of squares: with fewer than two neighbours it is singular
 
 
@@ -41,7 +40,12 @@ def pad_width(pad: Pad) -> float:
 
 
 def pad_gaps(
-    pad: Pad, points: Floats, places: Floats, normals: Floats, enough: float = 0.0
+    pad: Pad,
+    points: Floats,
+    places: Floats,
+    normals: Floats,
+    enough: float = 0.0,
+    settings: HollowSettings = HollowSettings(),
 ) -> Floats:
     """Gap (k,) [m] that the surface beside each place leaves under a pad, in its best lean.
 
@@ -49,13 +53,13 @@ def pad_gaps(
     No further lean is tried once the gap is at most `enough` [m].
     """
     half = 0.5 * pad_width(pad)
-    count = min(HOLLOWS.n_neighbours, len(points))
+    count = min(settings.n_neighbours, len(points))
     corner = math.sqrt(2.0) * half
     beside = np.asarray(point_tree(points).query(places, count, distance_upper_bound=corner)[1])
     known = np.concatenate([points, np.full((1, 3), np.inf)])
     away = np.where(beside[..., None] < len(points), known[beside] - places[:, None], 0.0)
-    leaning = approach_directions(np.array([0.0, 0.0, 1.0]))
-    steepest = math.radians(HOLLOWS.tilts[-1])
+    leaning = approach_directions(np.array([0.0, 0.0, 1.0]), settings)
+    steepest = math.radians(settings.tilts[-1])
     local = np.array([direction for tilt, direction in leaning if tilt < steepest])
     frames = np.concatenate([axes_across(normals), normals[:, None]], axis=1)
     squares = np.einsum("kni,kni->kn", away, away)
@@ -69,18 +73,25 @@ def pad_gaps(
     return gaps
 
 
-def approach_directions(normal: Floats) -> Iterator[tuple[float, Floats]]:
+def approach_directions(
+    normal: Floats, settings: HollowSettings = HollowSettings()
+) -> Iterator[tuple[float, Floats]]:
     """Tilt [rad] from the normal, and unit direction (3,) from which a place is approached."""
     yield 0.0, normal
     first, second = axes_across(normal)
-    for tilt in np.radians(HOLLOWS.tilts[1:]).tolist():
-        for turn in 2.0 * np.pi * np.arange(HOLLOWS.n_azimuths) / HOLLOWS.n_azimuths:
+    for tilt in np.radians(settings.tilts[1:]).tolist():
+        for turn in 2.0 * np.pi * np.arange(settings.n_azimuths) / settings.n_azimuths:
             level = math.cos(turn) * first + math.sin(turn) * second
             yield tilt, math.cos(tilt) * normal + math.sin(tilt) * level
 
 
 def least_concavity(
-    points: Floats, normals: Floats, places: Floats, outward: Floats, reach: float
+    points: Floats,
+    normals: Floats,
+    places: Floats,
+    outward: Floats,
+    reach: float,
+    settings: HollowSettings = HollowSettings(),
 ) -> Floats:
     """Curvatures (k,) [1/m] about places, in the direction in which each is least concave.
 
@@ -88,7 +99,7 @@ def least_concavity(
     `places`, `outward` (k, 3): of the places. Normals within `reach` [m] are fitted as a linear
     function of the place in the tangent plane, whose symmetric part is the curvature.
     """
-    count = min(HOLLOWS.n_neighbours, len(points))
+    count = min(settings.n_neighbours, len(points))
     near = np.asarray(point_tree(points).query(places, count, distance_upper_bound=reach)[1])
     is_near = (near < len(points))[..., None]
     near = np.minimum(near, len(points) - 1)

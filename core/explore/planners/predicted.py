@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Annotated
 
@@ -43,7 +43,8 @@ from palpate.core.explore.planners.protocol import (
     exhausted_budget,
     first_and_last,
 )
-from palpate.core.explore.planners.touches import CHOICES, next_touch
+from palpate.core.explore.planners.surface import ObservedSurface
+from palpate.core.explore.planners.touches import TouchPlannerSettings, next_touch
 from palpate.core.plugins import Range, check_ranges
 
 # Reasons of slices that do not follow from a predicted error.
@@ -60,7 +61,12 @@ class CuttingSettings:
     target: float = 1.3  # cuts are planned for an error of the tolerance divided by this
 
 
-CUTTING = CuttingSettings()
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PredictedSettings:
+    """Where slices are placed, and which single touches are made once slices are of no more use."""
+
+    cutting: CuttingSettings = CuttingSettings()
+    touches: TouchPlannerSettings = field(default=TouchPlannerSettings())
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -74,6 +80,7 @@ class Predicted:
     order: Annotated[float, Range(1.0, 6.0, "1")] = ErrorSettings().order
     # Cost of moving by the whole height, over that of a slice.
     travel: Annotated[float, Range(0.0, 1.0, "1")] = 0.02
+    settings: PredictedSettings = PredictedSettings()
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -90,7 +97,7 @@ class Predicted:
             return covering
         surface = observation.surface
         if surface is not None and observation.general:
-            return next_touch(observation, surface, CHOICES.min_gain)
+            return self._touching(observation, surface)
         prediction = prediction_of(observation)
         if prediction is not None:
             refining = self._refining(observation, prediction)
@@ -101,8 +108,15 @@ class Predicted:
         estimate = estimate_error(observation)
         if surface is not None and not estimate.reached:
             bound = math.inf if estimate.rms_bound_95 is None else estimate.rms_bound_95
-            return next_touch(observation, surface, CHOICES.min_gain, bound)
+            return self._touching(observation, surface, bound)
         return Stop(_reason(observation, estimate))
+
+    def _touching(
+        self, observation: Observation, surface: ObservedSurface, bound: float | None = None
+    ) -> Choice:
+        """The next single touch; `bound`: error of the solid [m], None: the surface's."""
+        settings = self.settings.touches
+        return next_touch(observation, surface, settings.choice.min_gain, bound, settings)
 
     def settled(self, observation: Observation) -> Height | None:
         """The next slice of the coarse cover, which depends on no model; None after the last."""
@@ -125,7 +139,7 @@ class Predicted:
         if height is not None:
             return Height(height, UNTOUCHED)
         usable = len(observation.usable_slices)
-        room = int(observation.extent / (CUTTING.min_room * observation.spacing))
+        room = int(observation.extent / (self.settings.cutting.min_room * observation.spacing))
         if observation.all_taxels and prediction.wants_averaging(
             tolerance, usable, max(room, usable)
         ):
@@ -142,7 +156,8 @@ class Predicted:
         low, high = first_and_last(observation)
         heights = np.linspace(low, high, self.cover).tolist()
         # Parts do not overlap.
-        reach = min(CUTTING.cover_reach * observation.extent, 0.4 * (high - low) / (self.cover - 1))
+        reach = self.settings.cutting.cover_reach * observation.extent
+        reach = min(reach, 0.4 * (high - low) / (self.cover - 1))
         parts = [Span(max(low, height - reach), min(high, height + reach)) for height in heights]
         made = [contour.height for contour in observation.usable_slices]
         made += observation.busy_heights
@@ -166,9 +181,9 @@ def best_refinement(
     prediction: ErrorPrediction,
     spans: Sequence[Span],
     rule: Predicted,
-    settings: CuttingSettings = CUTTING,
 ) -> float | None:
     """The height at which one more slice is worth most [m]; None where there is no room."""
+    settings = rule.settings.cutting
     heights = (observation.low + observation.extent * prediction.heights).tolist()
     pairs = list(pairwise(heights))
     hidden = np.array([longest_untouched(spans, *pair) for pair in pairs]) / observation.extent

@@ -410,12 +410,13 @@ def planner_type(name: str) -> type[Planner]:
 
 
 def make_planner(name: str, settings: Mapping[str, Any]) -> Planner:
-    """A planner with its settings.
+    """A planner with its settings, which are its fields, except for records of tuned numbers.
 
     Raises errors as `planner_type`, and ValueError if a number is unknown or out of its range.
     """
     planner = planner_type(name)
-    fields = set(getattr(planner, "__dataclass_fields__"))  # noqa: B009
+    declared = getattr(planner, "__dataclass_fields__").items()  # noqa: B009
+    fields = {name for name, field in declared if not is_dataclass(field.default)}
     unknown = sorted(set(settings) - fields)
     if unknown:
         raise ValueError(

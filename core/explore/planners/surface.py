@@ -18,14 +18,14 @@ import scipy
 
 from palpate.core.arrays import Bools, Floats, Ints, finite_array
 from palpate.core.explore.planners.approaches import (
-    APPROACHES,
     MAX_RANGE,
     MAX_ROUNDING,
+    ApproachSettings,
     TouchOffer,
     touch_offers,
 )
 from palpate.core.explore.planners.hollows import (
-    HOLLOWS,
+    HollowSettings,
     least_concavity,
     pad_gaps,
     pad_width,
@@ -67,8 +67,17 @@ class HiddenSettings:
     min_room: float = 0.8  # fraction of the tolerance that other places leave to touchable ones
 
 
-PLACES = PlaceSettings()
-HIDDEN = HiddenSettings()
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SurfaceSettings:
+    """How a solid is seen: its places, what they may hide, and how they are touched."""
+
+    places: PlaceSettings = PlaceSettings()
+    hidden: HiddenSettings = HiddenSettings()
+    hollows: HollowSettings = field(default=HollowSettings())
+    approaches: ApproachSettings = field(default=ApproachSettings())
+
+
+DEFAULT_SURFACE = SurfaceSettings()
 
 
 class Progress(NamedTuple):
@@ -100,6 +109,7 @@ class ObservedSurface:
     earlier: tuple[Progress, ...] = ()  # of earlier models by the same method
     unknown_distance: float = 10.0e-3  # [m] from every touch, beyond which a place is unknown
     pose: Pose | None = None  # relative to the first pose, if the object was turned over
+    settings: SurfaceSettings = field(default=DEFAULT_SURFACE, repr=False)
 
     def __post_init__(self) -> None:
         count = len(finite_array("mesh.vertices", self.mesh.vertices, (None, 3)))
@@ -124,36 +134,39 @@ class ObservedSurface:
         the error that it may hide until `n_opening_aims` touches were aimed at it, including the
         one that found it: at most openings the solid is only a little too large.
         """
-        places, near = self.places, 0.5 * APPROACHES.known_radius * pad_width(self.pad)
+        places, settings = self.places, self.settings
+        near = 0.5 * settings.approaches.known_radius * pad_width(self.pad)
         squares = np.square(places.errors if places.errors.any() else places.distances)
-        opened = np.square(HIDDEN.opening_slope * places.distances)
+        opened = np.square(settings.hidden.opening_slope * places.distances)
         squares = np.where(places.spanned, np.maximum(opened, np.square(places.bounds)), squares)
         if self.pose is not None:  # the first underside can be touched now
-            hidden = np.square(HIDDEN.unknown_slope * places.distances)
+            hidden = np.square(settings.hidden.unknown_slope * places.distances)
             squares = np.where(places.flat, np.maximum(squares, hidden), squares)
         if len(self.refused):
             squares[point_tree(self.refused).query(places.points)[0] < near] = 0.0
         if len(self.aimed) and places.spanned.any():
-            middles = places.points[_middles(places, places.spanned)]
+            count = settings.places.n_openings
+            middles = places.points[_middles(places, places.spanned, count)]
             aims = point_tree(self.aimed).query_ball_point(middles, 2.0 * near, return_length=True)
-            tried = np.asarray(aims) >= HOLLOWS.n_opening_aims
+            tried = np.asarray(aims) >= settings.hollows.n_opening_aims
             squares[places.spanned & tried[point_tree(middles).query(places.points)[1]]] = 0.0
         return np.where(places.standing, 0.0, squares)
 
     @cached_property
     def open_area(self) -> OpenArea:
         """What lies far from every touch, except the underside."""
-        places = self.places
+        places, settings = self.places, self.settings.places
         far = self.away & ~places.under
         known = np.count_nonzero(~places.under)
-        middles = _middles(places, far)
+        middles = _middles(places, far, settings.n_openings)
+        directions = [_outward(places, i, settings.min_mean_normal) for i in middles.tolist()]
         return OpenArea(
             float(far.sum()) / max(int(known), 1),
             2.0 * float(places.distances[middles].max(initial=0.0)),
             places.points[middles],
-            np.array([_outward(places, middle) for middle in middles]).reshape(-1, 3),
+            np.array(directions).reshape(-1, 3),
             float(places.under.mean()),
-            float(far.sum()) / PLACES.n_places * self.area / PLACES.touched_area,
+            float(far.sum()) / settings.n_places * self.area / settings.touched_area,
         )
 
     @cached_property
@@ -207,7 +220,7 @@ class ObservedSurface:
         counted = ~self.places.flat
         rest = float((np.square(self.bounds_there) * ~touchable)[counted].mean())
         room, share = tolerance**2 - rest, float(touchable[counted].mean())
-        if room < HIDDEN.min_room**2 * share * tolerance**2:
+        if room < self.settings.hidden.min_room**2 * share * tolerance**2:
             return tolerance
         return min(math.sqrt(room / share), tolerance) if share else tolerance
 
@@ -223,27 +236,27 @@ class ObservedSurface:
     @cached_property
     def neighbours(self) -> Ints:
         """Numbers of evenly chosen places, `n_neighbours` of them within reach of a pad."""
-        in_reach = 2.0 * math.pi * (0.5 * pad_width(self.pad)) ** 2 * PLACES.n_places / self.area
-        return np.arange(
-            0, PLACES.n_places, max(round(in_reach / HOLLOWS.n_neighbours), 1), dtype=np.int32
-        )
+        count, wanted = self.settings.places.n_places, self.settings.hollows.n_neighbours
+        in_reach = 2.0 * math.pi * (0.5 * pad_width(self.pad)) ** 2 * count / self.area
+        return np.arange(0, count, max(round(in_reach / wanted), 1), dtype=np.int32)
 
     @cached_property
     def creased(self) -> Bools:
         """Mask (n,) of the places from which neighbours hold a pad off, in any lean."""
-        places = self.places
-        creased = ~places.flat & (places.distances > HOLLOWS.min_gap)
+        places, settings = self.places, self.settings.hollows
+        creased = ~places.flat & (places.distances > settings.min_gap)
         if creased.any():
             there = places.points[creased], places.normals[creased]
             beside = places.points[self.neighbours]
-            gaps = pad_gaps(self.pad, beside, *there, enough=HOLLOWS.min_gap)
-            creased[creased] = gaps > HOLLOWS.min_gap
+            gaps = pad_gaps(self.pad, beside, *there, settings.min_gap, settings)
+            creased[creased] = gaps > settings.min_gap
         return creased
 
     @cached_property
     def bounds_there(self) -> Floats:
         """95 % bounds (n,) [m] of the errors at the places, and of creases and holes there."""
-        hidden = np.where(self.creased, HIDDEN.crease_slope, 0.0) * self.places.distances
+        hidden = np.where(self.creased, self.settings.hidden.crease_slope, 0.0)
+        hidden = hidden * self.places.distances
         return np.maximum(self.places.bounds, np.maximum(hidden, self.hole_errors))
 
     @cached_property
@@ -254,24 +267,25 @@ class ObservedSurface:
         area of that surface: of a hole of radius r through a thickness t it is at most
         (t^3 / (6 r) + t^2 / 4)^(1/2), a blind one included.
         """
-        places, errors = self.places, np.zeros(PLACES.n_places)
+        places, settings = self.places, self.settings.hidden
+        errors = np.zeros(len(places.points))
         opened = np.flatnonzero(places.spanned | self.pits).astype(np.int32)
         radii = np.maximum(places.distances[opened], np.finfo(float).tiny)
-        depths = _thickness(places, opened)
+        depths = _thickness(places, opened, settings)
         through = np.sqrt(depths**3 / (6.0 * radii) + 0.25 * depths**2)
-        errors[opened] = np.minimum(HIDDEN.opening_slope * radii, through)
+        errors[opened] = np.minimum(settings.opening_slope * radii, through)
         return errors
 
     @cached_property
     def pits(self) -> Bools:
         """Mask (n,) of places in creases that are concave all around: holes may begin there."""
-        places = self.places
-        pits = self.creased & (places.distances > HOLLOWS.min_pit_distance)
+        places, settings = self.places, self.settings.hollows
+        pits = self.creased & (places.distances > settings.min_pit_distance)
         if pits.any():
             beside = places.points[self.neighbours], places.normals[self.neighbours]
             there = places.points[pits], places.normals[pits]
-            concavity = least_concavity(*beside, *there, 0.5 * pad_width(self.pad))
-            pits[pits] = concavity > 1.0 / HOLLOWS.max_pit_radius
+            concavity = least_concavity(*beside, *there, 0.5 * pad_width(self.pad), settings)
+            pits[pits] = concavity > 1.0 / settings.max_pit_radius
         return pits
 
     @cached_property
@@ -285,7 +299,8 @@ class ObservedSurface:
         except scipy.spatial.QhullError:  # it stands on a line
             return standing
         sides = zip(standing.min(axis=0)[:2], standing.max(axis=0)[:2], strict=True)
-        x, y = np.meshgrid(*(np.arange(low, high, PLACES.pedestal_grid) for low, high in sides))
+        step = self.settings.places.pedestal_grid
+        x, y = np.meshgrid(*(np.arange(low, high, step) for low, high in sides))
         grid = np.column_stack([x.ravel(), y.ravel()])
         grid = grid[(grid @ planes[:, :2].T + planes[:, 2] <= 0.0).all(axis=1)]
         top = np.column_stack([grid, np.full(len(grid), self.platform)])
@@ -299,7 +314,8 @@ class ObservedSurface:
     @cached_property
     def hidden(self) -> float:
         """Rms error of the whole [m] that unknown places beyond the reach of touches may hide."""
-        hidden = np.maximum(HIDDEN.unknown_slope * self.places.distances, self.hole_errors)
+        hidden = self.settings.hidden.unknown_slope * self.places.distances
+        hidden = np.maximum(hidden, self.hole_errors)
         hides = self.away & ~self.places.under & ~self.reached
         return float(np.sqrt((np.square(hidden) * hides).mean()))
 
@@ -320,7 +336,7 @@ class ObservedSurface:
     @cached_property
     def reached(self) -> Bools:
         """Mask (n,) of the places that the offers meet."""
-        met = np.zeros(PLACES.n_places, np.bool_)
+        met = np.zeros(len(self.places.points), np.bool_)
         for offer in self.offers:
             met[offer.places] = True
         return np.asarray(met & (self.squares > 0.0), np.bool_)
@@ -345,7 +361,7 @@ class OpenArea(NamedTuple):
 
     share: float  # of the surface, underside left out
     width: float  # [m] of the largest opening; 0 if there is none
-    places: Floats  # (k, 3) [m] middles of the largest, by size; at most `PLACES.n_openings`
+    places: Floats  # (k, 3) [m] middles of the largest, by size; at most `n_openings`
     normals: Floats  # (k, 3) outward normals there
     under: float  # share of the surface that is underside, as `SurfacePlaces.under`
     touches: float  # that would cover it, if all of it can be reached
@@ -367,10 +383,10 @@ class SurfacePlaces(NamedTuple):
     spanned: Bools  # (n,) whether the place lies in an opening that pads spanned: it may be deep
 
 
-def _middles(places: SurfacePlaces, far: Bools) -> Ints:
-    """Numbers of the places in the middle of openings, the widest first, none within another."""
+def _middles(places: SurfacePlaces, far: Bools, count: int) -> Ints:
+    """Numbers of the middles of at most `count` openings, the widest first, none in another."""
     distances, middles = np.where(far, places.distances, 0.0), list[int]()
-    while len(middles) < PLACES.n_openings and distances.max() > 0.0:
+    while len(middles) < count and distances.max() > 0.0:
         most = int(distances.argmax())
         middles.append(most)
         beside = np.linalg.norm(places.points - places.points[most], axis=1)
@@ -378,43 +394,45 @@ def _middles(places: SurfacePlaces, far: Bools) -> Ints:
     return np.array(middles, np.int32)
 
 
-def _outward(places: SurfacePlaces, number: int) -> Floats:
+def _outward(places: SurfacePlaces, number: int, min_mean_normal: float) -> Floats:
     """Mean outward normal (3,) about a place; where normals cancel, away from the middle."""
     away = np.linalg.norm(places.points - places.points[number], axis=1)
     mean = places.normals[away < 0.5 * places.distances[number]].mean(axis=0)
-    if np.linalg.norm(mean) < PLACES.min_mean_normal:  # an untouched part may be folded
+    if np.linalg.norm(mean) < min_mean_normal:  # an untouched part may be folded
         mean = places.points[number] - places.points.mean(axis=0)
     return np.asarray(mean / max(float(np.linalg.norm(mean)), np.finfo(float).tiny))
 
 
 def _places(surface: ObservedSurface) -> SurfacePlaces:
+    settings, approaches = surface.settings.places, surface.settings.approaches
     corners = surface.mesh.vertices[surface.mesh.faces]
-    points, faces = sample_surface(corners, PLACES.n_places, np.random.default_rng(len(corners)))
+    points, faces = sample_surface(corners, settings.n_places, np.random.default_rng(len(corners)))
     normals = areas_and_normals(corners)[1][faces]
-    standing = flat = under = np.zeros(PLACES.n_places, np.bool_)
+    standing = flat = under = np.zeros(len(points), np.bool_)
     errors, bounds, distances = (
         values[surface.mesh.faces[faces]].mean(axis=1)
         for values in (surface.errors, surface.bounds, surface.distances)
     )
     if surface.platform is not None:
         heights = points[:, 2] - surface.platform
-        flat = standing = _stands(heights)
+        flat = standing = _stands(heights, settings.standing_height)
     if surface.platform is not None and surface.pose is None:
         under = standing | _hangs_over(points, standing, 0.5 * pad_width(surface.pad)) & (
-            (heights < APPROACHES.finger_length) & (normals[:, 2] < PLACES.max_downward)
+            (heights < approaches.finger_length) & (normals[:, 2] < settings.max_downward)
         )
     elif surface.platform is not None and surface.pose is not None:
         at_first = surface.pose.to_local(points)[:, 2] - surface.platform
-        flat = _stands(at_first) & (distances > APPROACHES.known_radius * pad_width(surface.pad))
-    spanned = np.zeros(PLACES.n_places, np.bool_)
+        flat = _stands(at_first, settings.standing_height)
+        flat = flat & (distances > approaches.known_radius * pad_width(surface.pad))
+    spanned = np.zeros(len(points), np.bool_)
     if len(surface.openings):
-        near = point_tree(surface.openings).query(points)[0] < PLACES.opening_depth
-        spanned = near & (distances > PLACES.min_opening) & ~flat
+        near = point_tree(surface.openings).query(points)[0] < settings.opening_depth
+        spanned = near & (distances > settings.min_opening) & ~flat
     errors_there = errors, bounds, distances
     return SurfacePlaces(points, normals, *errors_there, standing, flat, under, spanned)
 
 
-def _thickness(places: SurfacePlaces, numbers: Ints) -> Floats:
+def _thickness(places: SurfacePlaces, numbers: Ints, settings: HiddenSettings) -> Floats:
     """Thickness (k,) [m] of the solid below some places: the largest of five inward directions.
 
     It is infinite where one of these directions meets none of the drawn places.
@@ -423,23 +441,24 @@ def _thickness(places: SurfacePlaces, numbers: Ints) -> Floats:
     for row, number in enumerate(numbers):
         inward = -places.normals[number]
         aside = axes_across(inward[None])[0]
-        leaning = math.sin(HIDDEN.tilt) * np.concatenate([aside, -aside])
+        leaning = math.sin(settings.tilt) * np.concatenate([aside, -aside])
         away = places.points - places.points[number]
-        for direction in (inward, *(math.cos(HIDDEN.tilt) * inward + leaning)):
+        for direction in (inward, *(math.cos(settings.tilt) * inward + leaning)):
             depths = away @ direction
             lateral = np.linalg.norm(away - depths[:, None] * direction, axis=1)
-            far = (lateral < HIDDEN.lateral) & (depths > 0.0) & (places.normals @ direction > 0.0)
-            depth = float(depths[far].min(initial=np.inf)) + HIDDEN.lateral
+            near, faces = lateral < settings.lateral, places.normals @ direction > 0.0
+            depth = float(depths[near & faces & (depths > 0.0)].min(initial=np.inf))
+            depth += settings.lateral
             thickness[row] = max(thickness[row], depth)
     return thickness
 
 
-def _stands(heights: Floats) -> Bools:
+def _stands(heights: Floats, standing_height: float) -> Bools:
     """Mask of the places (n,) on which an object stands, by their heights over the platform [m].
 
     Of a solid that ends above the platform, heights count from its lowest place.
     """
-    return np.asarray(heights < PLACES.standing_height + max(float(heights.min()), 0.0))
+    return np.asarray(heights < standing_height + max(float(heights.min()), 0.0))
 
 
 def _hangs_over(points: Floats, standing: Bools, width: float) -> Bools:

@@ -11,7 +11,7 @@ import numpy as np
 from palpate.core.arrays import Floats
 from palpate.core.explore.planners import protocol
 from palpate.core.explore.planners.approaches import TouchOffer
-from palpate.core.explore.planners.surface import HIDDEN, ObservedSurface, Progress
+from palpate.core.explore.planners.surface import ObservedSurface, Progress
 from palpate.core.explore.planners.verdict import judge
 from palpate.core.plugins import Range, check_ranges
 
@@ -54,9 +54,16 @@ class PayingSettings:
     touched_distance: float = 1e-3  # [m] from a touch; nearer places give the bound after a touch
 
 
-CHOICES = ChoiceSettings()
-SETTLING = SettlingSettings()
-PAYING = PayingSettings()
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TouchPlannerSettings:
+    """Which touch a planner makes next, and when it makes no more."""
+
+    choice: ChoiceSettings = ChoiceSettings()
+    settling: SettlingSettings = SettlingSettings()
+    paying: PayingSettings = PayingSettings()
+
+
+DEFAULT_TOUCH_PLANNER = TouchPlannerSettings()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -65,7 +72,8 @@ class Touches:
 
     single_touches: ClassVar[bool] = True
     # A touch must take this share of the squared error that is asked for, over the whole surface.
-    least_gain: Annotated[float, Range(0.0, 1.0, "1")] = CHOICES.min_gain
+    least_gain: Annotated[float, Range(0.0, 1.0, "1")] = DEFAULT_TOUCH_PLANNER.choice.min_gain
+    settings: TouchPlannerSettings = DEFAULT_TOUCH_PLANNER
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -78,7 +86,7 @@ class Touches:
         surface = observation.surface
         if surface is None:
             return self._first(observation)
-        choice = next_touch(observation, surface, self.least_gain)
+        choice = next_touch(observation, surface, self.least_gain, settings=self.settings)
         if isinstance(choice, protocol.Stop) and observation.busy_heights:
             return protocol.Wait("other fingers are at work")
         return choice
@@ -97,24 +105,29 @@ def next_touch(
     surface: ObservedSurface,
     least_gain: float,
     bound: float | None = None,
+    settings: TouchPlannerSettings = DEFAULT_TOUCH_PLANNER,
 ) -> protocol.Touch | protocol.Stop:
     """The touch of a surface that removes the most squared error per robot time.
 
-    If the error `bound` [m] (None: the surface's) is within the tolerance: of unknown places alone.
+    `least_gain` is used in place of `min_gain` of the settings. If the error `bound` [m] (None: the
+    surface's) is within the tolerance, only unknown places count.
     """
-    if has_settled(surface.progress):
+    choice, paying = settings.choice, settings.paying
+    if has_settled(surface.progress, settings.settling):
         return protocol.Stop("further touches no longer lower the error")
     left = surface.left(observation.tried)
     if bound is None:
         bound = surface.rms_bound_95
     asked_below = observation.limits.underside_share is not None
-    if bound > observation.tolerance and not touches_pay(surface, left, underside=asked_below):
+    is_rough = bound > observation.tolerance
+    if is_rough and not touches_pay(surface, left, underside=asked_below, settings=paying):
         return protocol.Stop(
-            f"the next {PAYING.n_touches} touches would lower neither error nor unknown area by "
-            f"{PAYING.min_gain:.0%}"
+            f"the next {paying.n_touches} touches would lower neither error nor unknown area by "
+            f"{paying.min_gain:.0%}"
         )
-    for worth, wanted, reason in _aims(observation, surface, left, least_gain, bound):
-        offer = _best(observation, surface, worth, wanted)
+    aims = _aims(observation, surface, left, least_gain, bound, choice.min_open)
+    for worth, wanted, reason in aims:
+        offer = _best(observation, surface, worth, wanted, choice)
         if offer is not None:
             return protocol.Touch(*offer[:3], reason)
     findings = replace(surface.findings, error_bound=bound)
@@ -133,13 +146,14 @@ def _aims(
     left: Floats,
     least_gain: float,
     bound: float,
+    min_open: float,
 ) -> Iterator[tuple[Floats, float, str]]:
     """Aims by precedence: worth of each place (n,), the least sum of a touch, and the reason."""
     if bound > observation.tolerance and _is_touchable_error_large(observation, surface):
         wanted = least_gain * observation.tolerance**2 * len(left)
         yield left, wanted, "the expected error is largest there"
     can_be = left > 0.0
-    if surface.reachable(observation.tried) > CHOICES.min_open:
+    if surface.reachable(observation.tried) > min_open:
         yield (surface.away & can_be).astype(float), 1.0, "nothing near to it was touched"
     if observation.limits.underside_share is not None and surface.pose is not None:
         flat = surface.places.flat & can_be
@@ -157,7 +171,7 @@ def touches_pay(
     left: Floats,
     *,
     underside: bool,
-    settings: PayingSettings = PAYING,
+    settings: PayingSettings = PayingSettings(),
 ) -> bool:
     """Whether the best next touches would lower the error bound or what is unknown.
 
@@ -173,11 +187,11 @@ def touches_pay(
     met &= left > 0.0
     places = surface.places
     unknown = surface.away & ~places.flat | (places.flat if underside else False)
-    counted, hidden = ~places.flat, HIDDEN.unknown_slope * places.distances
+    counted, slope = ~places.flat, surface.settings.hidden.unknown_slope
     # A deep hole may hide more than everything else, and no touch beside it lowers that.
     opened = places.spanned | surface.pits
-    bounds = np.where(opened, np.minimum(surface.bounds_there, hidden), surface.bounds_there)
-    bounds = bounds[counted]
+    bounds = surface.bounds_there
+    bounds = np.where(opened, np.minimum(bounds, slope * places.distances), bounds)[counted]
     near = places.distances[counted] <= settings.touched_distance
     touched = float(np.median(bounds[near])) if near.any() else 0.0
     after = np.where(met[counted], np.minimum(bounds, touched), bounds)
@@ -187,22 +201,24 @@ def touches_pay(
     return lower or int((unknown & met).sum()) > settings.min_gain * int(unknown.sum())
 
 
-def has_settled(progress: Sequence[Progress]) -> bool:
+def has_settled(
+    progress: Sequence[Progress], settings: SettlingSettings = SettlingSettings()
+) -> bool:
     """Whether the last touches lowered neither the error bound nor the unknown area."""
-    before, recent = _split(progress, SETTLING.min_touches, SETTLING.share)
+    before, recent = _split(progress, settings.min_touches, settings.share)
     if before and len(recent) > 1:
         bounds, opened = [step.bound for step in recent], [step.open for step in recent]
-        alike = max(bounds) - min(bounds) <= SETTLING.bound_change * max(bounds)
-        if alike and max(opened) - min(opened) <= SETTLING.open_change:
+        alike = max(bounds) - min(bounds) <= settings.bound_change * max(bounds)
+        if alike and max(opened) - min(opened) <= settings.open_change:
             return True
-    before, recent = _split(progress, SETTLING.long_touches, SETTLING.long_share)
+    before, recent = _split(progress, settings.long_touches, settings.long_share)
     if not before or not recent:
         return False
-    lower = min(step.bound for step in recent) < (1.0 - SETTLING.bound_change) * min(
+    lower = min(step.bound for step in recent) < (1.0 - settings.bound_change) * min(
         step.bound for step in before
     )
     return not lower and min(step.open for step in recent) >= (
-        min(step.open for step in before) - SETTLING.open_change
+        min(step.open for step in before) - settings.open_change
     )
 
 
@@ -217,11 +233,15 @@ def _split(
 
 
 def _best(
-    observation: protocol.Observation, surface: ObservedSurface, left: Floats, wanted: float
+    observation: protocol.Observation,
+    surface: ObservedSurface,
+    left: Floats,
+    wanted: float,
+    settings: ChoiceSettings,
 ) -> TouchOffer | None:
     """The offer with the largest sum of `left` (n,) over its places, per robot time."""
     gains = [float(left[offer.places].sum()) for offer in surface.offers]
-    least = max(wanted, CHOICES.min_gain_share * max(gains, default=0.0))
+    least = max(wanted, settings.min_gain_share * max(gains, default=0.0))
     best, most = None, 0.0
     for offer, gain in zip(surface.offers, gains, strict=True):
         if gain < least:
@@ -229,7 +249,7 @@ def _best(
         distance = 0.0
         if observation.resting is not None:
             distance = float(np.linalg.norm(offer.pose.position - observation.resting))
-        rate = gain / (CHOICES.touch_seconds + distance / CHOICES.travel_speed)
+        rate = gain / (settings.touch_seconds + distance / settings.travel_speed)
         if rate > most:
             best, most = offer, rate
     return best

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.core.arrays import Bools
-from palpate.core.explore.planners.surface import HIDDEN, ObservedSurface
+from palpate.core.explore.planners.surface import ObservedSurface
 from palpate.core.geometry import Rest, RestingSolid, rotation_between
 from palpate.core.poses import Pose
 
@@ -35,15 +35,12 @@ class TurningSettings:
     lean: float = math.radians(6.0)
 
 
-TURNING = TurningSettings()
-
-
 def choose_turn(
     surface: ObservedSurface,
     tolerance: float,
     *,
     underside: bool,
-    settings: TurningSettings = TURNING,
+    settings: TurningSettings = TurningSettings(),
 ) -> Pose | None:
     """The motion that sets the object down on its best other side; None if none brings enough.
 
@@ -54,7 +51,8 @@ def choose_turn(
     if surface.platform is None or not len(surface.mesh.faces):
         return None
     places = surface.places
-    hidden = np.square(np.maximum(places.bounds, HIDDEN.unknown_slope * places.distances))
+    hidden = surface.settings.hidden.unknown_slope * places.distances
+    hidden = np.square(np.maximum(places.bounds, hidden))
     total = float(np.maximum(hidden, tolerance**2).sum())
     hidden[surface.reached | (hidden < tolerance**2)] = 0.0
     least = settings.min_gain * total

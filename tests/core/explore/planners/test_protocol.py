@@ -189,6 +189,7 @@ def own(tmp_path, monkeypatch):
         ("predicted", {"cover": 4}, "cover must be odd, so that the middle is in it, got 4"),
         ("predicted", {"hidden_error": 2.0}, "hidden_error is 2"),
         ("touches", {"least_gain": -1.0}, "least_gain is -1"),
+        ("touches", {"settings": {}}, "'touches' has no settings; it has least_gain"),
         ("thesis", {"most": [0.1]}, r"most is \[0.1\]; expected a number"),
         ("thesis", {"template": ["exponential"]}, "the planner 'thesis' cannot be made: unhash"),
         ("thesis", {"template": "parabola"}, "template must be one of .*'parabola'"),

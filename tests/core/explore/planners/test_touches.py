@@ -153,11 +153,23 @@ def test_bound_of_an_opening_covers_a_hole_through_the_solid(thickness):
     surface = solid(plate, EXACT, away, openings=mouth, platform=None).surface
     hidden = float(np.square(surface.hole_errors).mean()) * surface.area
     walls = 2.0 * math.pi * radius * thickness * thickness**2 / 12.0  # of distances from both ends
-    deepest = planners.HIDDEN.opening_slope * surface.places.distances[surface.places.spanned]
+    slope = surface.settings.hidden.opening_slope
+    deepest = slope * surface.places.distances[surface.places.spanned]
     if thickness < 30e-3:
         assert walls < hidden < 40.0 * walls and surface.hole_errors.max() < deepest.max()
     else:  # deeper holes are bounded as one that is four times as deep as wide
         assert surface.hole_errors.max() == pytest.approx(deepest.max())
+
+
+def test_planners_and_surfaces_with_other_settings_exist_side_by_side():
+    seen, settings = ball(towards(1, 0, 0)), planners.TouchPlannerSettings()
+    hasty = replace(settings, paying=replace(settings.paying, min_gain=1.0))
+    assert isinstance(Touches().next(seen), Touch)
+    assert "lower neither" in Touches(settings=hasty).next(seen).reason
+    places = replace(planners.DEFAULT_SURFACE.places, n_places=500)
+    coarse = replace(seen.surface, settings=replace(planners.DEFAULT_SURFACE, places=places))
+    assert [len(one.places.points) for one in (coarse, seen.surface)] == [500, 4000]
+    assert isinstance(Touches().next(replace(seen, surface=coarse)), Touch)
 
 
 def test_deep_hole_does_not_end_touches_of_the_rest():

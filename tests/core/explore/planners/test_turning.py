@@ -10,7 +10,7 @@ import pytest
 from palpate.core import shapes
 from palpate.core.explore import planners
 from palpate.core.explore.planners import Touch, Touches, choose_turn, estimate_error
-from palpate.core.explore.planners.turning import TURNING
+from palpate.core.explore.planners.turning import TurningSettings
 from palpate.core.poses import Pose
 from tests.core.explore.planners.sides import known
 from tests.core.explore.planners.test_touches import EXACT, solid
@@ -54,7 +54,7 @@ def test_thin_object_is_not_laid_flat_where_no_hand_can_feel_it():
     blade = shapes.Superquadric(np.array([0.03, 0.0015, 0.02]), np.array([0.15, 0.15])).mesh(4)
     blade = shapes.Mesh(blade.vertices + [0.0, 0.0, 0.02], blade.faces)
     surface = solid(blade, EXACT, lambda at: 12e-3 if at[2] < 1e-3 else 1e-3).surface
-    thin = replace(TURNING, min_thickness=0.0)
+    thin = TurningSettings(min_thickness=0.0)
     flat = choose_turn(surface, 2e-4, underside=True, settings=thin)
     assert flat is not None and np.ptp(flat.to_outer(blade.vertices)[:, 2]) < 4e-3
     assert choose_turn(surface, 2e-4, underside=True) is None  # on its edges it is not firm
