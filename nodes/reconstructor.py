@@ -54,7 +54,8 @@ class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 def know_world(params: Params, state: State, world: types.World) -> tuple[State, Outputs]:
     """Remember the platform."""
-    space = empty_map(world.reach, world.platform, world.centre.tolist())
+    centre, sweeps = world.centre.tolist(), state.settings.sweeps
+    space = empty_map(world.reach, world.platform, centre, sweeps)
     return replace(state, platform=None if world.held else world.platform, space=space), []
 
 
@@ -75,12 +76,13 @@ def take_patch(params: Params, state: State, patch: types.SurfacePatch) -> tuple
 
 def _with_swept(state: State, patch: types.SurfacePatch) -> State:
     """The state with the space that a touch swept, and the places that its pad spanned."""
-    pad, space = state.pad, state.space
+    pad, space, sweeps = state.pad, state.space, state.settings.sweeps
     assert pad is not None and space is not None
     pose, is_touched = Pose.from_array(patch.pose), patch.outcome in TOUCHED_OUTCOMES
     start = pose.advanced(-patch.advance)
-    places = swept_places(pad, start, pose, space.step, touched=is_touched)
-    untouched = untouched_places(pad, pose, patch.mask, patch.points, patch.normals)
+    places = swept_places(pad, start, pose, space.step, touched=is_touched, settings=sweeps)
+    contacts = patch.mask, patch.points, patch.normals
+    untouched = untouched_places(pad, pose, *contacts, sweeps=sweeps)
     before = state.untouched.get(patch.goal, ())
     state = replace(state, untouched={**state.untouched, patch.goal: (*before, untouched)})
     if patch.placement:
@@ -165,7 +167,8 @@ def _fit(state: State, goal: Goal, step: Steps, max_kept: int = 4) -> types.Shap
         del state.fitted[number]
     general, placements = published.candidates.general, published.candidates.placements
     with step("bound"):
-        mistaken = 0.0 if general is None else mistaken_error(general.solid, placements)
+        locating = state.settings.locating
+        mistaken = 0.0 if general is None else mistaken_error(general.solid, placements, locating)
     return shape_model(
         goal,
         published.candidates,

@@ -37,6 +37,7 @@ from palpate.core.explore.free_space import (
 from palpate.core.explore.placing import (
     KnownSurface as KnownSurface,
     Placement as Placement,
+    PlacingSettings as PlacingSettings,
     place_object as place_object,
 )
 from palpate.core.explore.survey import (

@@ -24,6 +24,7 @@ from palpate.core.rebuild.general import touch_distances, touch_squares
 from palpate.core.shapes import Mesh
 from palpate.core.steps import Steps, no_steps
 from palpate.messages import types
+from palpate.nodes.rebuilding.settings import DEFAULT_REBUILD, RebuildSettings
 from palpate.nodes.rebuilding.soundness import missing_error
 from palpate.nodes.rebuilding.volume import MeshVolume
 from palpate.nodes.specs.sensors import DEFAULT_SENSING, SensingSettings
@@ -36,24 +37,6 @@ if TYPE_CHECKING:
 _NONE = np.zeros(0)
 Goal = types.ModelGoal | types.PlanDone
 NO_ARCHIVE = np.zeros(0, np.uint8)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CandidateSettings:
-    """Which solid is published, and how finely it is meshed."""
-
-    # Mean gain in squared error beyond which a general solid is chosen over slices, if it also
-    # meets `max_error_ratio`; larger values favour slices [standard errors of the mean gain].
-    confidence_sigmas: float = 1.64
-    max_error_ratio: float = 0.5  # rms prediction error of a chosen general solid over slices
-    coarse_tolerance: float = 5e-4  # of a first mesh, which sets the final one [fraction of size]
-    max_parts: int = 4  # pieces along each edge of a general solid's cell; more are not visible
-    # Depth inside the solid beyond which a place without contact is an opening [m]; larger values
-    # report fewer openings.
-    hollow_depth: float = 0.4e-3
-
-
-CANDIDATES = CandidateSettings()
 
 
 def is_final(goal: Goal) -> bool:
@@ -109,6 +92,7 @@ class Candidates:
     placements: Placements = field(default_factory=Placements)
     # Squared errors of predictions of later sets, by number of the set, then method [m^2].
     predictions: dict[int, dict[str, Floats]] = field(default_factory=dict)
+    settings: RebuildSettings = DEFAULT_REBUILD
 
     @property
     def poses(self) -> tuple[Pose, ...]:
@@ -155,15 +139,15 @@ class Candidates:
         sliced, general = (predicted.get(name, _NONE) for name in ("lattice", "general"))
         if not len(general) or len(sliced) != len(general):
             return self.sliced
-        gain = sliced - general
-        is_sure = gain.mean() > CANDIDATES.confidence_sigmas * gain.std() / np.sqrt(len(gain))
-        is_large = general.mean() < CANDIDATES.max_error_ratio**2 * sliced.mean()
+        gain, settings = sliced - general, self.settings.candidates
+        is_sure = gain.mean() > settings.confidence_sigmas * gain.std() / np.sqrt(len(gain))
+        is_large = general.mean() < settings.max_error_ratio**2 * sliced.mean()
         return general_solid if is_sure and is_large else self.sliced
 
     def final_mesh(self, quality: Quality) -> surface.SurfaceMesh:
         """The final mesh, of about `quality.faces` triangles: a coarse mesh sets its tolerance."""
         assert self.sliced is not None
-        coarse = CANDIDATES.coarse_tolerance * self.sliced.surface.size
+        coarse = self.settings.candidates.coarse_tolerance * self.sliced.surface.size
         first = self.sliced.mesh(coarse)
         if len(first.faces) >= quality.faces:
             return first
@@ -183,19 +167,15 @@ def shape_model(
     mistaken: float = 0.0,  # rms error if an alternative pose of the object is the true one [m]
 ) -> types.ShapeModel:
     """The message for the published solid."""
-    dropped = _dropped(candidates, len(goal.contours))
-    final, missing = is_final(goal), 0.0
+    settings, dropped = candidates.settings.candidates, _dropped(candidates, len(goal.contours))
     parts: dict[str, Any] = {"vertices": np.zeros((0, 3)), "faces": np.zeros((0, 3), np.int32)}
-    frame = IDENTITY_POSE
+    final, frame = is_final(goal), IDENTITY_POSE
     if isinstance(solid, LatticeSolid):
         parts = _parts(solid, candidates, quality, step)
         frame = IDENTITY_POSE if solid.frame is None else solid.frame
     elif solid is not None:
-        parts = _general_parts(solid, quality, step)
+        parts = _general_parts(solid, quality, settings.max_parts, step)
     volume = _volume(parts, candidates)
-    if candidates.general is not None and solid is candidates.general.solid:
-        with step("bound"):
-            missing = math.hypot(missing_error(volume, candidates.touched), mistaken)
     return types.ShapeModel(
         number=goal.number,
         contours=goal.contours,
@@ -206,11 +186,11 @@ def shape_model(
         predicted={name: float(np.sqrt(squares.mean())) for name, squares in predicted.items()},
         dropped=tuple(goal.contours[which] for which in dropped),
         dropped_reasons=tuple(dropped.values()),
-        missing=missing,
+        missing=_missing(solid, candidates, volume, mistaken, step),
         placements=np.reshape([pose.array for pose in candidates.poses], (-1, 7)),
         placement_errors=np.array(candidates.placements.errors, np.float64),
         placement_faults=(*candidates.placements.faults, *candidates.placements.lost),
-        openings=_openings(np.concatenate([untouched.openings, untouched.hanging]), volume),
+        openings=_openings(untouched, volume, settings.hollow_depth),
         frame=frame,
         **_deviations(solid, candidates, step),
         **parts,
@@ -248,14 +228,26 @@ def _volume(parts: Mapping[str, Any], candidates: Candidates) -> MeshVolume:
     return MeshVolume(Mesh(parts["vertices"], parts["faces"]))
 
 
-def _openings(untouched: Floats, volume: MeshVolume) -> Floats:
-    """Untouched places (k, 3) that lie inside a solid [m].
+def _missing(
+    solid: AnySolid | None, candidates: Candidates, volume: MeshVolume, mistaken: float, step: Steps
+) -> float:
+    """Rms error of a general solid from parts that it lacks and from a `mistaken` pose [m]."""
+    if candidates.general is None or solid is not candidates.general.solid:
+        return 0.0
+    with step("bound"):
+        missing = missing_error(volume, candidates.touched, candidates.settings.soundness)
+        return math.hypot(missing, mistaken)
+
+
+def _openings(untouched: UntouchedPlaces, volume: MeshVolume, min_depth: float) -> Floats:
+    """Untouched places (k, 3) that lie deeper than `min_depth` inside a solid [m].
 
     The object is hollow there: the pad was at these places and met nothing.
     """
-    if not len(untouched) or not len(volume.mesh.faces):
+    places = np.concatenate([untouched.openings, untouched.hanging])
+    if not len(places) or not len(volume.mesh.faces):
         return np.zeros((0, 3))
-    return untouched[volume.depths(untouched) > CANDIDATES.hollow_depth]
+    return places[volume.depths(places) > min_depth]
 
 
 def _errors(
@@ -286,12 +278,14 @@ def _checked(vertices: Floats, faces: Ints, step: Steps) -> dict[str, Any]:
     return {"closed": body.watertight, "genus": body.genus, "self_crossings": crossings}
 
 
-def _general_parts(solid: GeneralSolid, quality: Quality | None, step: Steps) -> dict[str, Any]:
+def _general_parts(
+    solid: GeneralSolid, quality: Quality | None, max_parts: int, step: Steps
+) -> dict[str, Any]:
     with step("mesh"):
         mesh = solid.rough_mesh
         if quality is not None:
             parts = int(np.sqrt(quality.faces / max(len(mesh.faces), 1)))
-            mesh = solid.mesh(min(max(parts, quality.parts), CANDIDATES.max_parts))
+            mesh = solid.mesh(min(max(parts, quality.parts), max_parts))
     health = _rounded(solid.health())
     return {"vertices": mesh.vertices, "faces": mesh.faces, "health": health}
 

@@ -6,9 +6,8 @@ on the sets in the order of their numbers, so a solid that is not kept can be fi
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -42,7 +41,7 @@ from palpate.nodes.rebuilding.received import (
     touches_since,
     untouched_by,
 )
-from palpate.nodes.rebuilding.soundness import SoundnessSettings, departure, faults_of, lacks
+from palpate.nodes.rebuilding.soundness import departure, faults_of, lacks
 from palpate.nodes.rebuilding.volume import MeshVolume
 
 if TYPE_CHECKING:
@@ -50,21 +49,6 @@ if TYPE_CHECKING:
     from palpate.nodes.rebuilding.candidates import AnySolid
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RefitSettings:
-    """When general solids are fitted again, and how many sets decide between methods."""
-
-    n_sets: int = 3  # number of last sets whose predicted touches decide between methods
-    whole_ratio: float = 1.25  # of touches to those at the last complete fit, to fit all again
-    anew_ratio: float = 3.0  # of touches to those at the last fit without an earlier solid, for it
-
-
-REFITS = RefitSettings()
-# A draft lies off touches where slices are missing, and is extrapolated beyond the outermost
-# contours while the ends are unknown. Both call for more slices, not for another kind of solid: so
-# all its touches may be off it, and before the final model it may also reach any distance.
-DRAFT = SoundnessSettings(max_contradicted=1.0)
-ON_THE_WAY = SoundnessSettings(max_contradicted=1.0, max_overhang=math.inf)
 MIN_UPRIGHT_COSINE = 1.0 - 1e-12  # of the lean of an upright frame, with rounding errors
 TOUCHED_OUTCOMES = ("hit", "bottomed")  # outcomes of touches with contact
 
@@ -90,7 +74,7 @@ def predicted_squares(state: State, goal: Goal, step: Steps) -> tuple[dict[str, 
         for method, offsets in fitted.predicted(later.number, touched).items():
             squares[method].append(offsets)
         later, n_sets, has_choice = before, n_sets + 1, is_open
-        if n_sets == REFITS.n_sets:
+        if n_sets == state.settings.refits.n_sets:
             break
     return {method: np.concatenate(parts) for method, parts in squares.items() if parts}, has_choice
 
@@ -152,7 +136,8 @@ def _lacking(published: Published, bound: float, step: Steps) -> tuple[str, ...]
         return ()
     with step("prediction"):
         volume = MeshVolume(published.candidates.mesh_of(solid))
-        return lacks(volume, published.candidates.touched, bound)
+        candidates = published.candidates
+        return lacks(volume, candidates.touched, bound, candidates.settings.soundness)
 
 
 def _departing(
@@ -163,7 +148,8 @@ def _departing(
         return ()
     with step("prediction"):
         mesh = published.candidates.mesh_of(published.solid)
-        return departure(mesh, draft.candidates.mesh_of(draft.solid), bound)
+        drafted, settings = draft.candidates.mesh_of(draft.solid), published.candidates.settings
+        return departure(mesh, drafted, bound, settings.soundness)
 
 
 def _chosen(state: State, goal: Goal, step: Steps) -> Published:
@@ -222,7 +208,8 @@ def _fitted(state: State, poses: tuple[Pose, ...], goal: Goal, step: Steps) -> C
     if not is_final(goal):  # it is not checked: the planner touches it where it may be wrong
         return replace(by_slices, general=general)
     space = None if state.space is None else known_space(seen, goal)
-    faults = faults_of(MeshVolume(general.solid.rough_mesh), None, by_slices.touched, space)
+    volume, limits = MeshVolume(general.solid.rough_mesh), state.settings.soundness
+    faults = faults_of(volume, None, by_slices.touched, space, limits)
     if faults:
         reasons = tuple(f"the general solid: {fault}" for fault in faults)
         return replace(by_slices, rejected=(*by_slices.rejected, *reasons))
@@ -233,7 +220,8 @@ def _sliced(
     state: State, goal: Goal, touched: ContactPoints, methods: Sequence[Method], step: Steps
 ) -> Candidates:
     """The solid in slices by the first of the methods whose solid passes all checks."""
-    failed = Candidates(None, None, touched)
+    settings = state.settings
+    failed = Candidates(None, None, touched, settings=settings)
     if not goal.contours or goal.general:
         return failed
     space = None if state.space is None else known_space(state, goal)
@@ -245,11 +233,11 @@ def _sliced(
         sliced_only = replace(failed, sliced=solid, why="")
         with step("bound"):
             deviation = solid.whole_deviation()
-        settings = SoundnessSettings() if method == "lattice" else DRAFT
-        settings = settings if is_final(goal) else ON_THE_WAY
+        limits = settings.soundness if method == "lattice" else settings.draft_soundness
+        limits = limits if is_final(goal) else settings.early_soundness
         deviation_of_whole = deviation and deviation.whole
         swept = None if space is None or is_final(goal) else _swept_between(state, goal, space)
-        faults = faults_of(sliced_only.volume, deviation_of_whole, touched, space, settings, swept)
+        faults = faults_of(sliced_only.volume, deviation_of_whole, touched, space, limits, swept)
         if not faults:
             return sliced_only
         reasons = tuple(f"the {method} of its slices: {fault}" for fault in faults)
@@ -259,7 +247,7 @@ def _sliced(
 
 def _by_thesis(state: State, goal: Goal, touched: ContactPoints, step: Steps) -> Candidates:
     """The thesis's solid of the contours, not checked against touches."""
-    failed = Candidates(None, None, touched, method="thesis")
+    failed = Candidates(None, None, touched, method="thesis", settings=state.settings)
     if not goal.contours:
         return failed
     try:
@@ -304,7 +292,8 @@ def _general(
     underside = None
     if placement.any() and earlier is not None:
         underside = earlier[1].underside
-        underside = underside_of(earlier[1].solid) if underside is None else underside
+        if underside is None:
+            underside = underside_of(earlier[1].solid, state.settings.locating)
     solid = _fit_general(seen, goal, evidence, placement.astype(np.int32), None, underside, step)
     count = len(touched)
     return FittedGeneral(solid, count, count, underside)
@@ -323,7 +312,8 @@ def _continued(
     known = {int(number) for number in before.solid.placements_of_touches}
     if not {number for _, number in more} <= known:
         return None
-    is_few = count <= REFITS.whole_ratio * before.whole and goal.missed == earlier.missed
+    refits = seen.settings.refits
+    is_few = count <= refits.whole_ratio * before.whole and goal.missed == earlier.missed
     is_covered = all(before.solid.covers(contacts.points) for contacts, _ in more)
     if is_few and is_covered and not is_final(goal):
         with step("implicit spline"):
@@ -331,7 +321,7 @@ def _continued(
             for touch, placement in more:
                 solid = solid.update(touch, placement)
         return before._replace(solid=solid)
-    if count > REFITS.anew_ratio * before.anew:
+    if count > refits.anew_ratio * before.anew:
         return None
     evidence = stack_points([before.solid.contacts, *(contacts for contacts, _ in more)])
     first, underside = before.solid.placements_of_touches, before.underside
@@ -366,7 +356,8 @@ def _fit_general(
     free, platform = space.free_places(), seen.platform
     if placement.any() and platform is not None:
         # The face on which it stood at first can be touched now; the space below it was free.
-        free, platform = np.concatenate([free, space.below(evidence.points)]), None
+        below = space.below(evidence.points, seen.settings.sweeps)
+        free, platform = np.concatenate([free, below]), None
     return general.rebuild_general(
         evidence,
         free=free,

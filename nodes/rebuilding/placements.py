@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -28,54 +27,38 @@ from palpate.nodes.rebuilding.received import (
     placements_of,
     touches_in,
 )
+from palpate.nodes.rebuilding.settings import DEFAULT_REBUILD, LocatingSettings, RebuildSettings
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LocatingSettings:
-    """How placements are estimated and reported."""
-
-    places: int = 12_000  # sampled points of the solid's surface, to which contacts are registered
-    most_touches: int = 96  # maximum number of touches used where no hand made contacts
-    standing: float = 0.2e-3  # height over the platform below which faces are the underside [m]
-    underside_area: float = 12.0e-6  # area of the underside for each sampled point [m^2]
-    mistaken_places: int = 2_000  # sampled points for comparing the solid with itself, turned
-    # Error of a point where the surface bends, since the spline rounds edges off [cells/rad].
-    blunt: float = 0.25
-    otherwise: float = math.radians(10.0)  # lean from the requested pose that is reported [rad]
-
-
-LOCATING = LocatingSettings()
-
-
-def underside_of(solid: GeneralSolid) -> Floats:
+def underside_of(solid: GeneralSolid, settings: LocatingSettings) -> Floats:
     """Points (k, 3) sampled on the faces on which a solid stands [m]; none if it is held."""
     mesh = solid.rough_mesh
     corners = mesh.vertices[mesh.faces]
-    standing = corners[:, :, 2].max(axis=1) <= (solid.platform or 0.0) + LOCATING.standing
+    standing = corners[:, :, 2].max(axis=1) <= (solid.platform or 0.0) + settings.standing
     area = float(areas_and_normals(corners[standing])[0].sum())
     if solid.platform is None or not area > 0.0:
         return np.zeros((0, 3))
-    count = math.ceil(area / LOCATING.underside_area)
+    count = math.ceil(area / settings.underside_area)
     return sample_surface(corners[standing], count, np.random.default_rng(0)).points
 
 
 def located(state: State, goal: Goal, solid: GeneralSolid, known: Placements) -> Placements:
     """The known placements and later ones, from contacts of the hand, or from touches without."""
     poses, errors, faults, alternatives = map(list[Any], known[:4])
-    lost = tuple[str, ...]()
+    lost, settings = tuple[str, ...](), state.settings
     for number in range(len(poses) + 1, placements_of(state) + 1):
         closings, asked = closings_in(state, goal, number), state.turns.get(number)
         if asked is None:
             touches = touches_in(state, goal, number)
-            closings = touches[:: math.ceil(len(touches) / LOCATING.most_touches) or 1]
+            closings = touches[:: math.ceil(len(touches) / settings.locating.most_touches) or 1]
         if not closings or state.platform is None:
             break
         contacts, who = stack_points(closings), "touches" if asked is None else "contacts"
-        placement = _place(solid, contacts, asked, state.platform)
+        placement = _place(solid, contacts, asked, state.platform, settings)
         if placement is None:
             lost = (f"its {len(contacts.points)} {who} fit the solid in no pose",)
             break
-        faults += _sentences(placement, asked, who)
+        faults += _sentences(placement, asked, who, settings.locating.otherwise)
         poses.append(placement.pose)
         errors.append(placement.error)
         alternatives.append(placement.alternatives)
@@ -84,31 +67,37 @@ def located(state: State, goal: Goal, solid: GeneralSolid, known: Placements) ->
 
 
 def _place(
-    solid: GeneralSolid, contacts: ContactPoints, asked: Pose | None, platform: float
+    solid: GeneralSolid,
+    contacts: ContactPoints,
+    asked: Pose | None,
+    platform: float,
+    settings: RebuildSettings,
 ) -> Placement | None:
     # Only objects that are turned over need this import.
     from palpate.core.rebuild.general import protrusions
 
     assert contacts.normals is not None
+    locating = settings.locating
     mesh = solid.mesh(solid.rough_parts)  # with sharp edges, where contacts of hands often lie
     corners = mesh.vertices[mesh.faces]
-    places, faces = sample_surface(corners, LOCATING.places, np.random.default_rng(0))
+    places, faces = sample_surface(corners, locating.places, np.random.default_rng(0))
     bends = np.where(solid.is_sharp(places), 0.0, solid.bends(places))
-    errors = np.hypot(solid.expected_errors(places)[0], LOCATING.blunt * solid.cell * bends)
+    errors = np.hypot(solid.expected_errors(places)[0], locating.blunt * solid.cell * bends)
     # Parts that protrude from the convex hull of all contacts may not exist.
     errors = np.hypot(errors, protrusions(solid.contacts.points, places))
     surface = KnownSurface(places, areas_and_normals(corners)[1][faces], errors)
     resting = RestingSolid(mesh.vertices, mesh.faces)
     data = contacts.points, contacts.normals
-    return place_object(surface, resting, *data, None if asked is None else asked.axes, platform)
+    axes = None if asked is None else asked.axes
+    return place_object(surface, resting, *data, axes, platform, settings.placing)
 
 
-def _sentences(placement: Placement, asked: Pose | None, who: str) -> list[str]:
-    """Warnings about a placement for the user, a sentence each."""
+def _sentences(placement: Placement, asked: Pose | None, who: str, max_lean: float) -> list[str]:
+    """Warnings about a placement for the user, a sentence each; `max_lean` [rad]: without one."""
     sentences, lean = [], 0.0
     if asked is not None:
         lean = float(np.arccos(np.clip(placement.pose.axes[2] @ asked.axes[2], -1.0, 1.0)))
-    if lean > LOCATING.otherwise:
+    if lean > max_lean:
         sentences.append(f"it leans {math.degrees(lean):.0f} degrees from the requested pose")
     if placement.alternatives:
         sentences.append(
@@ -117,7 +106,11 @@ def _sentences(placement: Placement, asked: Pose | None, who: str) -> list[str]:
     return sentences
 
 
-def mistaken_error(solid: GeneralSolid, placements: Placements) -> float:
+def mistaken_error(
+    solid: GeneralSolid,
+    placements: Placements,
+    settings: LocatingSettings = DEFAULT_REBUILD.locating,
+) -> float:
     """Largest root mean square error if an alternative pose of the object is the true one [m].
 
     The solid is compared with itself after the motion from one pose to the other; the mean square
@@ -127,7 +120,7 @@ def mistaken_error(solid: GeneralSolid, placements: Placements) -> float:
         return 0.0
     mesh = solid.rough_mesh
     corners = mesh.vertices[mesh.faces]
-    places = sample_surface(corners, LOCATING.mistaken_places, np.random.default_rng(0)).points
+    places = sample_surface(corners, settings.mistaken_places, np.random.default_rng(0)).points
     search, own = nearest_search(corners), 2.0 * np.square(solid.expected_errors(places)[0]).mean()
     worst = 0.0
     for pose, alternatives in zip(placements.poses, placements.alternatives, strict=True):

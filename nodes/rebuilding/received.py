@@ -20,6 +20,7 @@ from palpate.core.rebuild.general import touch_distances
 from palpate.core.touch import Pad
 from palpate.messages import types
 from palpate.nodes.rebuilding.candidates import QUALITIES, Candidates, Quality
+from palpate.nodes.rebuilding.settings import DEFAULT_REBUILD, RebuildSettings
 
 Goal = types.ModelGoal | types.PlanDone
 Way = Literal["best", "thesis"]
@@ -58,6 +59,7 @@ class State:
     history: tuple[Goal, ...] = ()  # requests for models that were fitted, in order
     # The last fitted solids, by number of the request; a cache that changes no model.
     fitted: dict[int, Candidates] = field(default_factory=dict)
+    settings: RebuildSettings = DEFAULT_REBUILD
 
 
 def touched_goals(goal: Goal) -> tuple[int, ...]:
@@ -152,25 +154,14 @@ def untouched_by(state: State, goal: Goal) -> UntouchedPlaces:
     return UntouchedPlaces(*map(np.concatenate, zip(none, *touches, strict=True)))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class OpeningSettings:
-    """Minimum distances from all contacts of places without contact that indicate a hole."""
-
-    between: float = 1.5e-3  # of places between contacts; if larger, narrow holes are missed [m]
-    beside: float = 4.0e-3  # of places beside all contacts; if smaller, edges seem to be holes [m]
-
-
-OPENINGS = OpeningSettings()
-
-
 def far_from_touch(state: State, goal: Goal) -> UntouchedPlaces:
     """The untouched places of a set without openings and hanging places near contacts."""
-    untouched = untouched_by(state, goal)
+    untouched, least = untouched_by(state, goal), state.settings.openings
     if not len(untouched.openings) + len(untouched.hanging):
         return untouched
     contacts = stack_points([part for part in touched_points(state, goal) if len(part.points)])
-    openings = untouched.openings[touch_distances(contacts, untouched.openings) > OPENINGS.between]
-    hanging = untouched.hanging[touch_distances(contacts, untouched.hanging) > OPENINGS.beside]
+    openings = untouched.openings[touch_distances(contacts, untouched.openings) > least.between]
+    hanging = untouched.hanging[touch_distances(contacts, untouched.hanging) > least.beside]
     return untouched._replace(openings=openings, hanging=hanging)
 
 

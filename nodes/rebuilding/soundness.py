@@ -147,9 +147,14 @@ def missing_error(
     return math.sqrt(float(squares.sum()) * settings.touched_area / area)
 
 
-def lacks(volume: MeshVolume, touched: ContactPoints, bound: float) -> tuple[str, ...]:
+def lacks(
+    volume: MeshVolume,
+    touched: ContactPoints,
+    bound: float,
+    settings: SoundnessSettings = SoundnessSettings(),
+) -> tuple[str, ...]:
     """A sentence if the error of missing parts exceeds the error bound [m]; empty if not."""
-    missing = missing_error(volume, touched)
+    missing = missing_error(volume, touched, settings)
     if missing <= bound:
         return ()
     return (
