@@ -2,6 +2,6 @@
 
 `received` keeps the messages, `fitting` fits or continues the solids of a set, and `candidates`
 chooses the solid that predicted touches better and writes the message. Tuned values are fields of
-`RebuildSettings`, which the state carries.
+`ReconstructorSettings`, which the state carries.
 The package uses `palpate.core.rebuild`; the reconstructor node and readers of files use it.
 """

@@ -24,7 +24,7 @@ from palpate.core.rebuild.general import touch_distances, touch_squares
 from palpate.core.shapes import Mesh
 from palpate.core.steps import Steps, no_steps
 from palpate.messages import types
-from palpate.nodes.rebuilding.settings import DEFAULT_REBUILD, RebuildSettings
+from palpate.nodes.rebuilding.settings import DEFAULT_RECONSTRUCTOR, ReconstructorSettings
 from palpate.nodes.rebuilding.soundness import missing_error
 from palpate.nodes.rebuilding.volume import MeshVolume
 from palpate.nodes.specs.sensors import DEFAULT_SENSING, SensingSettings
@@ -92,7 +92,7 @@ class Candidates:
     placements: Placements = field(default_factory=Placements)
     # Squared errors of predictions of later sets, by number of the set, then method [m^2].
     predictions: dict[int, dict[str, Floats]] = field(default_factory=dict)
-    settings: RebuildSettings = DEFAULT_REBUILD
+    settings: ReconstructorSettings = DEFAULT_RECONSTRUCTOR
 
     @property
     def poses(self) -> tuple[Pose, ...]:

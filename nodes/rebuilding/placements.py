@@ -27,7 +27,11 @@ from palpate.nodes.rebuilding.received import (
     placements_of,
     touches_in,
 )
-from palpate.nodes.rebuilding.settings import DEFAULT_REBUILD, LocatingSettings, RebuildSettings
+from palpate.nodes.rebuilding.settings import (
+    DEFAULT_RECONSTRUCTOR,
+    LocatingSettings,
+    ReconstructorSettings,
+)
 
 
 def underside_of(solid: GeneralSolid, settings: LocatingSettings) -> Floats:
@@ -71,7 +75,7 @@ def _place(
     contacts: ContactPoints,
     asked: Pose | None,
     platform: float,
-    settings: RebuildSettings,
+    settings: ReconstructorSettings,
 ) -> Placement | None:
     # Only objects that are turned over need this import.
     from palpate.core.rebuild.general import protrusions
@@ -109,7 +113,7 @@ def _sentences(placement: Placement, asked: Pose | None, who: str, max_lean: flo
 def mistaken_error(
     solid: GeneralSolid,
     placements: Placements,
-    settings: LocatingSettings = DEFAULT_REBUILD.locating,
+    settings: LocatingSettings = DEFAULT_RECONSTRUCTOR.locating,
 ) -> float:
     """Largest root mean square error if an alternative pose of the object is the true one [m].
 

@@ -20,7 +20,7 @@ from palpate.core.rebuild.general import touch_distances
 from palpate.core.touch import Pad
 from palpate.messages import types
 from palpate.nodes.rebuilding.candidates import QUALITIES, Candidates, Quality
-from palpate.nodes.rebuilding.settings import DEFAULT_REBUILD, RebuildSettings
+from palpate.nodes.rebuilding.settings import DEFAULT_RECONSTRUCTOR, ReconstructorSettings
 
 Goal = types.ModelGoal | types.PlanDone
 Way = Literal["best", "thesis"]
@@ -59,7 +59,7 @@ class State:
     history: tuple[Goal, ...] = ()  # requests for models that were fitted, in order
     # The last fitted solids, by number of the request; a cache that changes no model.
     fitted: dict[int, Candidates] = field(default_factory=dict)
-    settings: RebuildSettings = DEFAULT_REBUILD
+    settings: ReconstructorSettings = DEFAULT_RECONSTRUCTOR
 
 
 def touched_goals(goal: Goal) -> tuple[int, ...]:

@@ -56,7 +56,7 @@ class LocatingSettings:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class RebuildSettings:
+class ReconstructorSettings:
     """How sets are rebuilt: all that the node's functions hand on to each other."""
 
     candidates: CandidateSettings = CandidateSettings()
@@ -75,4 +75,4 @@ class RebuildSettings:
     )
 
 
-DEFAULT_REBUILD = RebuildSettings()
+DEFAULT_RECONSTRUCTOR = ReconstructorSettings()
