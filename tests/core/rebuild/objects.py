@@ -81,6 +81,11 @@ def contacts(points: Floats, normals: Floats | None, touch: Any = None) -> Conta
     return ContactPoints(points, normals, np.asarray(numbers, np.int32))
 
 
+def only(touched: ContactPoints, kept: Any) -> ContactPoints:
+    """Some of the contact points: those of a mask, or of a slice."""
+    return ContactPoints(*(np.asarray(field)[kept] for field in touched))
+
+
 def is_closed(solid: LatticeSolid, tolerance: float | None = None) -> bool:
     """Whether the mesh is closed and of genus 0, and all figures are finite."""
     mesh = solid.mesh(tolerance)

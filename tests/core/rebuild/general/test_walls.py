@@ -7,10 +7,11 @@ import pytest
 import scipy
 import trimesh
 
-from palpate.core.arrays import Floats, Ints
+from palpate.core.arrays import Floats
 from palpate.core.rebuild.contours import ContactPoints
 from palpate.core.rebuild.general import rebuild_general, tears, wall_cell, wall_thickness
 from palpate.core.shapes import Mesh
+from tests.core.rebuild.objects import contacts
 
 CELL = 4.0e-3
 
@@ -26,25 +27,17 @@ def tube(
         out = np.stack([np.cos(turn), np.sin(turn), 0.0 * turn], axis=-1).reshape(-1, 3)
         points.append(radius[side] * out + height.reshape(-1, 1) * [0.0, 0.0, 1.0])
         normals.append(out if side == 0 else -out)
-    every = np.concatenate(points)
-    return ContactPoints(every, np.concatenate(normals), np.arange(len(every), dtype=np.int32))
+    places = np.concatenate(points)
+    return contacts(places, np.concatenate(normals), np.arange(len(places)))
 
 
-@pytest.mark.parametrize("thickness", [1.5e-3, 3.0e-3, 6.0e-3])
-def test_thickness_of_a_wall_is_found_where_both_sides_were_touched(thickness: float):
-    found = wall_thickness(tube(thickness), 8.0e-3)
-    assert found == pytest.approx(thickness, rel=0.1)
-
-
-def test_wall_of_which_one_side_was_touched_is_none():
-    assert wall_thickness(tube(2.0e-3, inside=0), 8.0e-3) is None
-    assert wall_cell(tube(2.0e-3, inside=0), CELL) == CELL
-
-
-def test_slot_as_narrow_as_a_wall_is_none():
-    outer = tube(2.0e-3)
-    assert outer.normals is not None
-    slot = ContactPoints(outer.points, -outer.normals, outer.touch)
+def test_thickness_of_a_wall_is_found_where_both_sides_were_touched():
+    for thickness in (1.5e-3, 3.0e-3, 6.0e-3):
+        assert wall_thickness(tube(thickness), 8.0e-3) == pytest.approx(thickness, rel=0.1)
+    outer_side, wall = tube(2.0e-3, inside=0), tube(2.0e-3)
+    assert wall_thickness(outer_side, 8.0e-3) is None
+    assert wall_cell(outer_side, CELL) == CELL
+    slot = wall._replace(normals=-np.asarray(wall.normals))
     assert wall_thickness(slot, 8.0e-3) is None
 
 
@@ -82,11 +75,8 @@ def cup_points(thickness: float) -> tuple[Floats, Floats]:
 def test_holes_and_parts_count_as_tears():
     ball, ring = trimesh.creation.icosphere(2), trimesh.creation.torus(1.0, 0.3)
     both = trimesh.util.concatenate([ring, ring.copy().apply_translation([5.0, 0.0, 0.0])])
-    assert [tears(Mesh(*one)) for one in map(_parts, (ball, ring, both))] == [0, 1, 3]
-
-
-def _parts(mesh: trimesh.Trimesh) -> tuple[Floats, Ints]:
-    return np.asarray(mesh.vertices), np.asarray(mesh.faces, np.int32)
+    meshes = [Mesh(one.vertices, one.faces.astype(np.int32)) for one in (ball, ring, both)]
+    assert [*map(tears, meshes)] == [0, 1, 3]
 
 
 @pytest.mark.slow  # some 5,000 cells
