@@ -3,10 +3,11 @@
 import numpy as np
 
 from palpate.core.arrays import Floats
+from tests.core.rebuild.objects import along, at_height, polar
 
 
 def circle(turns: Floats) -> Floats:
-    return np.column_stack([np.cos(2 * np.pi * turns), np.sin(2 * np.pi * turns)])
+    return polar(turns, 1.0)
 
 
 BEND = np.linspace(-2.2, 2.2, 120) / (2 * np.pi)
@@ -24,16 +25,12 @@ CORNERS = {
 
 def figure(name: str, count: int) -> Floats:
     """Points (count, 2) evenly around a named figure, counter-clockwise."""
-    closed = np.vstack([CORNERS[name], CORNERS[name][:1]])
-    lengths = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(closed, axis=0), axis=1)))
-    places = np.arange(count) * lengths[-1] / count
-    return np.column_stack([np.interp(places, lengths, closed[:, axis]) for axis in (0, 1)])
+    return along(CORNERS[name], np.arange(count) / count)
 
 
 def prism(points: Floats, rows: int) -> Floats:
     """The same contour (n, 2) at even heights from 0 to 2: (rows, n, 3)."""
-    levels = np.linspace(0.0, 2.0, rows)
-    return np.stack([np.column_stack([points, np.full(len(points), z)]) for z in levels])
+    return np.stack([at_height(points, z) for z in np.linspace(0.0, 2.0, rows)])
 
 
 def vase_radius(height: Floats, azimuth: Floats) -> Floats:
