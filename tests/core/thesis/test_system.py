@@ -42,6 +42,9 @@ def test_solid_is_of_thesis_without_bound(run):
     assert last.control.shape[:2] == (5, 5) and last.control.shape[2] == len(last.contours)
     solid = load_run(run).solid
     assert solid is not None and solid.method == "thesis"
+    # Touches are fitted by splines.
+    patches = [one for one in recorded(run, "/touch/patch") if one.kind == "smooth"]
+    assert len(patches) > 50 and {len(one.jet) for one in patches} == {6}
 
 
 def test_search_goes_from_half_height_to_both_ends(run):
@@ -58,11 +61,6 @@ def test_search_goes_from_half_height_to_both_ends(run):
         assert np.all(np.abs(np.diff(half)) <= 0.2 * HEIGHT + 2e-3) and len(half) > 2
     with pytest.raises(ValueError, match="has nothing on /probe/goal"):
         recorded(run, "/probe/goal")
-
-
-def test_touches_are_fitted_by_spline(run):
-    patches = [one for one in recorded(run, "/touch/patch") if one.kind == "smooth"]
-    assert len(patches) > 50 and {len(one.jet) for one in patches} == {6}
 
 
 def test_recording_is_replayed_and_compared(run):
