@@ -23,7 +23,7 @@ def circle(count: int) -> Floats:
     return polar(np.arange(count) / count, 1.0)
 
 
-def polar(turns: Floats, radius: Floats | float) -> Floats:
+def polar(turns: Floats, radius: Floats | float = 1.0) -> Floats:
     """Points (k, 2) at polar angles [turns] and distances from the origin."""
     angle = 2.0 * np.pi * turns
     rim = np.column_stack([np.cos(angle), np.sin(angle)])

@@ -17,9 +17,8 @@ VOLUME = 30.0**2 * np.pi * (1.0 + 0.1**2 / 2.0) * 2 * HALF  # of the lobed colum
 
 
 def ring(z: float, count: int = 60, radius: float = 30.0) -> Floats:
-    turn = 2 * np.pi * np.arange(count) / count
-    around = radius * (1.0 + 0.1 * np.cos(3 * turn + z / 50.0))
-    return at_height(around[:, None] * circle(count), z)
+    turns = np.arange(count) / count
+    return at_height(polar(turns, radius * (1.0 + 0.1 * np.cos(6 * np.pi * turns + z / 50.0))), z)
 
 
 def rings(count: int = 9, points: int = 60) -> list[Floats]:
@@ -183,8 +182,7 @@ def test_noisy_mesh_stays_small_and_oscillating_side_closes():
 
 @pytest.mark.parametrize(("ratio", "count"), [(20.0, 200), (50.0, 24)])
 def test_thin_blade_has_its_volume(ratio, count):
-    angles = 2.0 * np.pi * np.arange(count) / count
-    plane = 50.0 * np.column_stack([np.cos(angles), np.sin(angles) / ratio])
+    plane = 50.0 * circle(count) * [1.0, 1.0 / ratio]
     solid = skin([at_height(plane, z) for z in HEIGHTS], None)
     assert solid.volume == pytest.approx(np.pi * 2500.0 / ratio * 98.0, rel=6e-3)
     assert solid.health()["outlying_points"] == 0.0

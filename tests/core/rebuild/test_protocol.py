@@ -11,10 +11,10 @@ import trimesh
 
 import palpate
 from palpate.launch.files.source_map import InputError
+from tests.core.rebuild.general.test_general import RADIUS as RING, TUBE, torus_distance
 from tests.core.rebuild.objects import circle
 
 RADIUS, HEIGHT = 0.03, 0.06
-RING, TUBE = 0.028, 0.011
 
 
 @pytest.fixture(scope="module")
@@ -35,10 +35,6 @@ def cylinder():
 def torus():
     mesh = trimesh.creation.torus(RING, TUBE, major_sections=192, minor_sections=96)
     return palpate.MeshSolid(mesh.vertices, mesh.faces)
-
-
-def torus_distance(points):
-    return np.hypot(np.hypot(points[:, 0], points[:, 1]) - RING, points[:, 2]) - TUBE
 
 
 def cylinder_distance(points):
@@ -113,14 +109,13 @@ def test_saved_and_exported_solids_are_loaded_again(shape, tmp_path):
         assert isinstance(again, palpate.Solid)
         assert again.volume == pytest.approx(solid.to_trimesh().volume, rel=1e-5)
         assert again.bounds == pytest.approx(solid.bounds, abs=1e-8)
-
-
-def test_export_rejects_unknown_suffix_and_missing_folder(torus, tmp_path):
-    with pytest.raises(InputError, match=r"a\.foo: must end in one of \.ply, \.stl"):
-        torus.export(tmp_path / "a.foo")
-    with pytest.raises(InputError, match=r"a\.stl: cannot be written: there is no folder"):
-        torus.export(tmp_path / "none" / "a.stl")
-    assert not [*tmp_path.iterdir()]
+    for name, words in (
+        ("a.foo", r"a\.foo: must end in one of \.ply, \.stl"),
+        ("none/a.stl", r"a\.stl: cannot be written: there is no folder"),
+    ):
+        with pytest.raises(InputError, match=words):
+            solid.export(tmp_path / name)
+    assert len([*tmp_path.iterdir()]) == 5
 
 
 def test_check_names_faults_of_meshes():

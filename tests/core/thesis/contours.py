@@ -5,11 +5,6 @@ import numpy as np
 from palpate.core.arrays import Floats
 from tests.core.rebuild.objects import along, at_height, polar
 
-
-def circle(turns: Floats) -> Floats:
-    return polar(turns, 1.0)
-
-
 BEND = np.linspace(-2.2, 2.2, 120) / (2 * np.pi)
 CORNERS = {
     # Open upwards: the middle of its box is outside
@@ -17,9 +12,9 @@ CORNERS = {
         [[-1, 1], [-1, -1], [1, -1], [1, 1], [0.6, 1], [0.6, -0.6], [-0.6, -0.6], [-0.6, 1.0]]
     ),
     # Open to the left: its centroid is outside
-    "c": np.vstack([circle(BEND), 0.55 * circle(BEND)[::-1]]),
+    "c": np.vstack([polar(BEND), 0.55 * polar(BEND)[::-1]]),
     "lobes": (1 + 0.45 * np.cos(6 * np.pi * np.arange(16) / 16))[:, None]
-    * circle(np.arange(16) / 16),
+    * polar(np.arange(16) / 16),
 }
 
 

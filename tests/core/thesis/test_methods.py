@@ -17,8 +17,9 @@ from palpate.core.thesis import (
     rebuild_thesis,
     solve_control_points,
 )
+from tests.core.rebuild.objects import polar
 from tests.core.splines.test_volumes import noisy
-from tests.core.thesis.contours import circle, figure, vase
+from tests.core.thesis.contours import figure, vase
 
 PLACES = np.random.default_rng(0).random((300, 3))
 FINE = np.arange(4000) / 4000
@@ -26,9 +27,9 @@ FINE = np.arange(4000) / 4000
 
 def test_clamped_curves_do_not_close_and_fit_worse():
     turns, fine = np.arange(81) / 80, np.arange(20000) / 20000
-    points = circle(turns) * [2, 1]
+    points = polar(turns) * [2, 1]
     ours, theirs = splines.fit_closed_curve(points, count=16), fit_closed_curve_thesis(points, 16)
-    true = cKDTree(circle(fine) * [2, 1])
+    true = cKDTree(polar(fine) * [2, 1])
     errors = [true.query(curve.at(FINE))[0].max() for curve in (ours, theirs)]
     assert 5 * errors[0] < errors[1] < 0.3
     assert theirs.closure_gap > 0.05 and theirs.condition > 1e3
@@ -85,12 +86,12 @@ def test_surface_points_do_not_determine_lattice():
 def test_rays_meet_circle_at_their_azimuths():
     assert np.allclose(ray_azimuths(4), [-np.pi, -np.pi / 2, 0, np.pi / 2])
     azimuths = ray_azimuths(40)
-    match = match_contour(circle(np.arange(40) / 40 + 0.013), azimuths)
+    match = match_contour(polar(np.arange(40) / 40 + 0.013), azimuths)
     assert match.one_to_one and not match.degenerate and not match.self_intersecting
-    assert np.allclose(match.points, circle(azimuths / (2 * np.pi)), rtol=0, atol=1e-4)
+    assert np.allclose(match.points, polar(azimuths / (2 * np.pi)), rtol=0, atol=1e-4)
     # The middle is that of the area, wherever points are dense.
     turns = np.concatenate([0.25 * np.arange(60) / 60, 0.25 + 0.75 * np.arange(20) / 20])
-    assert np.linalg.norm(match_contour(circle(turns), azimuths).middle) < 0.005
+    assert np.linalg.norm(match_contour(polar(turns), azimuths).middle) < 0.005
     point = match_contour(np.tile([0.3, -0.2], (12, 1)), azimuths)
     assert point.degenerate and np.allclose(point.points, [0.3, -0.2], rtol=0, atol=1e-15)
     lobes = figure("lobes", 48)
@@ -113,7 +114,7 @@ def test_contour_with_outer_middle_is_matched_in_order(name: str):
 
 def box(rows: int, columns: int) -> Floats:
     """Triples on a rounded box, whose end rows are poles."""
-    outline = circle(np.linspace(-0.5, 0.5, columns))
+    outline = polar(np.linspace(-0.5, 0.5, columns))
     outline /= (outline**12).sum(axis=1, keepdims=True) ** (1 / 12)
     height = np.linspace(-1, 1, rows)[:, None]
     width = (1 - np.abs(height) ** 12) ** (1 / 12)
@@ -148,9 +149,7 @@ def test_poles_have_no_length_and_overshoot_is_clipped():
     assert np.array_equal(spline.at(fine, fine), np.clip(raw, 0.0, 1.0))
 
 
-def few(count: int, shift: float = 0.0) -> tuple[Floats, Floats]:
-    points = np.random.default_rng(5).random((count, 3))
-    return points, shift + points
+FEW = PLACES[:100]
 
 
 @pytest.mark.parametrize(
@@ -166,9 +165,12 @@ def few(count: int, shift: float = 0.0) -> tuple[Floats, Floats]:
         (lambda: interpolated_parameters(box(5, 9).repeat(2, axis=1)), "differ between .* columns"),
         (lambda: interpolated_parameters(np.full((5, 9, 3), 0.5)), "between neighbouring rows"),
         (lambda: interpolated_parameters(box(5, 9)).at([1.1], [0.5]), "x must lie in the domain"),
-        (lambda: solve_control_points(*few(100), (4, 4, 3)), "at least 4, got"),
-        (lambda: solve_control_points(*few(60), (4, 4, 4)), "points as control points, 64, got 60"),
-        (lambda: solve_control_points(*few(100, 2.0), (4, 4, 4)), "must lie between 0 and 1"),
+        (lambda: solve_control_points(FEW, FEW, (4, 4, 3)), "at least 4, got"),
+        (
+            lambda: solve_control_points(FEW[:60], FEW[:60], (4, 4, 4)),
+            "as control points, 64, got 60",
+        ),
+        (lambda: solve_control_points(FEW, FEW + 2.0, (4, 4, 4)), "must lie between 0 and 1"),
     ],
 )
 def test_invalid_input_raises(call: Callable[[], object], words: str):

@@ -15,7 +15,8 @@ from palpate.core.shapes import Superquadric
 from palpate.core.splines import fold_report
 from palpate.core.thesis import ThesisSolid, interpolated_parameters, rebuild_thesis
 from palpate.core.thesis.layers import searched_scale
-from tests.core.thesis.contours import circle, figure, prism, vase, vase_radius
+from tests.core.rebuild.objects import polar
+from tests.core.thesis.contours import figure, prism, vase, vase_radius
 
 ETA, NU = np.linspace(0.0, 1.0, 21), np.linspace(0.0, 1.0, 25)
 both = pytest.mark.parametrize("faithful", [False, True], ids=["corrected", "program"])
@@ -174,7 +175,7 @@ def test_program_lattice_is_mirrored():
     assert health.core_scales == pytest.approx(np.full(13, 0.618), abs=1e-3)
     assert (prism_solid("lobes", side=5, faithful=True).health.cores_outside > 0).all()
     for begin, step in ((-0.5, 1), (0.0, 1), (-0.5, -1)):
-        contours = prism(circle(begin + step * np.arange(40) / 40), 2)
+        contours = prism(polar(begin + step * np.arange(40) / 40), 2)
         layer = rebuild_thesis(contours, faithful=True).lattice.control[:, :, 0, :2]
         assert signed_area(rim_of(layer)) * step < 0.0
         if step > 0:  # The core follows the shell only if the contour begins west of the origin
@@ -245,7 +246,7 @@ def test_volume_depends_mainly_on_model():
     assert volume(rebuild_thesis(rough[:, :-1])) == pytest.approx(true_volume(), rel=0.08)
     uneven = np.concatenate([0.25 * np.arange(60) / 60, 0.25 + 0.75 * np.arange(20) / 20])
     even, dense = (
-        rebuild_thesis(prism(circle(turns), 5)).surface(ETA, NU)
+        rebuild_thesis(prism(polar(turns), 5)).surface(ETA, NU)
         for turns in (np.arange(80) / 80, uneven)
     )
     assert np.abs(dense - even).max() < 0.005
@@ -254,8 +255,8 @@ def test_volume_depends_mainly_on_model():
 @both
 def test_degenerate_contours_are_flagged_and_rebuilt(faithful: bool):
     turn = (np.arange(60) + 0.5) / 60
-    contours = prism(circle(turn), 5)
-    contours[2, :, :2] = np.column_stack([circle(turn)[:, 1], 0.6 * circle(2 * turn)[:, 1]])
+    contours = prism(polar(turn), 5)
+    contours[2, :, :2] = np.column_stack([polar(turn)[:, 1], 0.6 * polar(2 * turn)[:, 1]])
     solid = rebuild_thesis(contours, faithful=faithful)
     assert solid.health.self_intersecting.tolist() == [False, False, True, False, False]
     assert np.isfinite(solid.mesh(30, 40).vertices).all()

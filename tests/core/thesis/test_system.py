@@ -11,6 +11,7 @@ from palpate.launch.run import load_run
 from palpate.launch.run_directory import SUMMARY
 from palpate.nodes.runtime.testing import recorded
 from tests.graph.conftest import palpate
+from tests.recorded_run import make_run
 
 pytestmark = pytest.mark.slow  # one run for all tests
 HEIGHT = 0.08  # Of the egg [m]
@@ -63,11 +64,10 @@ def test_search_goes_from_half_height_to_both_ends(run):
         recorded(run, "/probe/goal")
 
 
-def test_recording_is_replayed_and_compared(run):
+def test_recording_is_replayed_and_compared(run, tmp_path):
     folder = run.parent
     assert palpate("replay", run, folder=folder).code == 0
-    words = ("run", "egg", "--noise", "low", "--tolerance", "2mm", "--composed", "--quiet")
-    palpate(*words, "--out", folder / "ours", folder=folder)
-    done = palpate("report", run, folder / "ours", "--out", folder / "both.html", folder=folder)
+    ours = make_run(tmp_path)
+    done = palpate("report", run, ours, "--out", folder / "both.html", folder=folder)
     assert done.code == 0, done.err
     assert "thesis" in (folder / "both.html").read_text()

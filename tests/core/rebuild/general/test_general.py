@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,8 +14,7 @@ from palpate.core.geometry import solidity
 from palpate.core.poses import Pose, rotations_from_vectors
 from palpate.core.rebuild.contours import ContactPoints
 from palpate.core.rebuild.general import GeneralSolid, oriented, protrusions, rebuild_general
-from palpate.core.rebuild.general.band import basis_rows, cell_integrals, make_band
-from palpate.core.rebuild.general.dissection import Longs, dissect, factorise
+from palpate.core.rebuild.general.band import basis_rows, cell_integrals
 from palpate.core.rebuild.general.fitting import Start, TouchedPoints, fit_implicit
 from palpate.core.rebuild.general.leave_out import LeaveOutSettings, leave_out
 from palpate.core.rebuild.general.rebuilding import GridSettings, least_cell
@@ -286,35 +285,6 @@ def test_splines_sum_to_one_and_integrals_are_exact():
     assert corner.prod(axis=1) @ third @ corner.prod(axis=1) == pytest.approx(6.0)
     assert corner[:, 0] ** 3 @ third @ corner[:, 0] ** 3 == pytest.approx(36.0)
     assert np.ones(64) @ mass @ np.ones(64) == pytest.approx(1.0)
-
-
-class GivenBlocks(NamedTuple):
-    """Blocks of all cells, (m, 64, 64)."""
-
-    every: Floats
-
-    def of(self, cells: Longs) -> Floats:
-        return np.asarray(self.every[cells])
-
-    @property
-    def largest(self) -> float:
-        return float(self.every.max())
-
-
-def test_dissection_solves_what_a_dense_matrix_does():
-    rng = np.random.default_rng(5)
-    cells = np.argwhere(rng.random((6, 6, 5)) < 0.6).astype(np.int32)
-    band = make_band(cells)
-    rows = rng.normal(size=(len(band.cells), 70, 64))
-    blocks = rows.transpose(0, 2, 1) @ rows
-    count = len(band.control)
-    dense = np.zeros((count, count))
-    for local, block in zip(band.local, blocks, strict=True):
-        dense[np.ix_(local, local)] += block
-    right = rng.normal(size=count)
-    given = GivenBlocks(blocks)
-    found = factorise(dissect(band.cells, band.local, count), given).solve(right)
-    assert found == pytest.approx(np.linalg.solve(dense, right), rel=1e-5, abs=1e-9)
 
 
 @pytest.mark.parametrize("radius", [0.01, 0.15, 0.3, 0.5])

@@ -33,10 +33,6 @@ def prism(plane: Floats) -> ContourLoft:
     return fit_contour_loft(heights, np.repeat(plane[None], 9, axis=0), low=-1.0, high=1.0)
 
 
-def places(count: int, seed: int = 0) -> Floats:
-    return np.random.default_rng(seed).random((2, count))
-
-
 @pytest.mark.parametrize(
     ("name", "noise"), [("lobed", 2e-3), ("four lobes", 0.0), ("bent tube", 2e-3)]
 )
@@ -58,7 +54,7 @@ def test_lattice_is_as_accurate_as_loft_without_folds(name, noise):
 def test_side_is_deformed_prism():
     skin = loft("lobed")
     fit = fit_lattice(skin.patch)
-    v, turns = places(300)
+    v, turns = np.random.default_rng(0).random((2, 300))
     side, there = fit.side.at(v, turns), skin.patch.at(v, turns)
     local = np.column_stack([fit.section.rim(turns), v])
     assert np.allclose(fit.lattice.deform(fit.prism.points(local)), side, rtol=0, atol=1e-12)
@@ -159,7 +155,7 @@ def test_refined_side_passes_point_and_stays_elsewhere(weights):
     assert (refinement.points, refinement.beyond, refinement.folded) == (1, 0, 0.0)
     assert max(refinement.after, refinement.most) < 1e-6
     assert (refined.lattice.lattice.volume.weights is not None) == weights
-    v, turns = places(500)
+    v, turns = np.random.default_rng(0).random((2, 500))
     before, after = (solid.surface.at(v, turns) for solid in (ball(), refined))
     moved = np.linalg.norm(after - before, axis=1)
     far = np.linalg.norm(before - ball().surface.at(0.55, 0.2), axis=1) > 70.0
@@ -202,9 +198,7 @@ def test_ends_and_poles_are_not_refined():
         end = pulled.surface.at(np.full(20, v), np.arange(20) / 20)
         assert np.ptp(end, axis=0).max() < 1e-12
     assert pulled.lattice.refinement.after < 0.2
-
-
-def test_refinement_through_other_side_folds():
+    # A refinement through the other side folds.
     refined = tube().refined([[-0.6, 0.0, 0.5]])
     point, place = np.array([[-0.8, 0.0, 0.5]]), np.array([[0.5, 0.0]])
     through = refine_lattice(tube().lattice, point, place)
