@@ -168,7 +168,7 @@ FEW = PLACES[:100]
         (lambda: solve_control_points(FEW, FEW, (4, 4, 3)), "at least 4, got"),
         (
             lambda: solve_control_points(FEW[:60], FEW[:60], (4, 4, 4)),
-            "as control points, 64, got 60",
+            "control points, 64, got 60",
         ),
         (lambda: solve_control_points(FEW, FEW + 2.0, (4, 4, 4)), "must lie between 0 and 1"),
     ],

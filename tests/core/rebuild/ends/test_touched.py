@@ -81,10 +81,9 @@ def test_end_height_is_mean_of_highest_touches(heights, pose, known, expected, s
 def domed(seed: int, bend: float) -> ContactPoints:
     """Touches of a dome of 100 mm height, each off along the axis."""
     shifts = POSE * np.random.default_rng(max(seed, 0)).normal(size=5) * (seed >= 0)
-    pairs = zip(PLACES, shifts, strict=True)
-    parts = [touch(place, 0.1 + shift, NONE, 1.0, bend) for place, shift in pairs]
     low = contacts(np.array([[0.08, 0.0, -0.1]]), np.array([[1.0, 0.0, 0.0]]))
-    return stack_points([*parts, low])
+    pairs = zip(PLACES, shifts, strict=True)
+    return stack_points([*(touch(at, 0.1 + off, NONE, 1.0, bend) for at, off in pairs), low])
 
 
 @pytest.mark.parametrize("bend", [1 / 0.2, 1 / 0.6])
