@@ -275,9 +275,7 @@ def test_final_solid_off_its_draft_by_more_than_the_bound_is_rejected(bound: flo
     monkeypatch.setattr(reconstruction, "fit_side_spline", whole)
     last = done(3, [1, 0, 2], [3, 4], rms_bound_95=bound)
     final = promised([*tilted()[:-1], last])[-2].make(no_steps)
-    assert [("rms distance from the last draft" in one) for one in final.rejected] == [True] * (
-        bound < 1e-6
-    )
+    assert [("rms distance from the last draft" in one) for one in final.rejected] == [True] * (bound < 1e-6)
     assert ("lattice_rms" in final.health) is (bound > 1e-6)  # A draft has none
     assert error(final) < 2e-4
 
