@@ -4,6 +4,7 @@ The tree's structure is one JSON text, which names the class of each node; each 
 beside it under its path, ``solid/evidence/noise``. Archives may be from untrusted sources: only
 dataclasses and named tuples of `palpate.core` are built, by their own constructors, and no other
 code runs. Classes are stored by name without module, so that archives stay readable if one moves.
+Fields whose metadata have ``archived: False`` are not stored: only their defaults come back.
 """
 
 from __future__ import annotations
@@ -45,7 +46,7 @@ def tree_to_arrays(tree: object) -> Arrays:
     `tree`: dataclasses and named tuples of `palpate.core`, tuples, lists, dicts with texts as keys,
     numbers, texts, None and numeric arrays, in any depth. Returns arrays by path, and the tree's
     structure under ``form``. Raises ValueError with the path of any other value, such as a
-    function.
+    function, and of a field that is not stored but differs from its default.
     """
     writer = _Writer()
     form = {"version": FORMAT_VERSION, "tree": writer.node(tree, ROOT)}
@@ -108,6 +109,9 @@ class _Writer:
         name = class_name(type(value))
         if name is None:
             raise ValueError(f"{path} cannot be stored: it is a {type(value).__qualname__}")
+        for field, default in unstored_defaults(type(value)).items():
+            if getattr(value, field) != default:
+                raise ValueError(f"{path}/{field} cannot be stored: it is not the default")
         fields = field_names(type(value))
         parts = {field: self.node(getattr(value, field), f"{path}/{field}") for field in fields}
         return {"class": name, "fields": parts}
@@ -229,11 +233,20 @@ def _is_record(kind: type) -> bool:
 
 
 def field_names(kind: type) -> tuple[str, ...]:
-    """Fields of the constructor; all others are computed from them."""
+    """Fields of the constructor that are stored; all others are computed, or have a default."""
     if dataclasses.is_dataclass(kind):
-        return tuple(field.name for field in dataclasses.fields(kind) if field.init)
+        names = [field.name for field in dataclasses.fields(kind) if field.init]
+        unstored = unstored_defaults(kind)
+        return tuple(name for name in names if name not in unstored)
     fields: tuple[str, ...] = kind._fields  # type: ignore[attr-defined]
     return fields
+
+
+def unstored_defaults(kind: type) -> dict[str, Any]:
+    """Defaults of the fields that archives leave out, by name: how things are done, not results."""
+    fields = dataclasses.fields(kind) if dataclasses.is_dataclass(kind) else ()
+    unstored = (field for field in fields if not field.metadata.get("archived", True))
+    return {field.name: field.default for field in unstored}
 
 
 @cache

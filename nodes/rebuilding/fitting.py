@@ -372,7 +372,7 @@ def _fit_general(
         free=free,
         spanned=untouched_by(seen, goal).valleys,
         platform=platform,
-        cell=general.SPLINES.cell if is_final(goal) else general.fitting_cell(evidence),
+        cell=None if is_final(goal) else general.fitting_cell(evidence),
         outward=True,
         placement=placement if placement.any() else None,
         underside=underside,

@@ -12,7 +12,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import ExitStack, chdir, redirect_stderr, redirect_stdout, suppress
+from contextlib import chdir, redirect_stderr, redirect_stdout, suppress
 from functools import cache
 from io import StringIO
 from pathlib import Path
@@ -39,8 +39,6 @@ from palpate.tools.introspection.topics import TapSubscription, Topic
 
 TOYS = Path(__file__).parent / "toys"
 WITHIN = 60.0  # A deadline that only something broken misses [s]
-# Under nohup a hangup is ignored, and would be by every process that is started here.
-signal.signal(signal.SIGHUP, signal.SIG_DFL)
 sys.path.insert(0, str(TOYS))  # for nodes: processes that are started later inherit it
 
 from palpate_toy import wiring  # noqa: E402
@@ -59,9 +57,7 @@ def _machine() -> Iterator[None]:
         for name in ("PALPATE_GRAPH", "FORCE_COLOR", "COLUMNS"):
             patch.delenv(name, raising=False)
         patch.setenv("TERM", "dumb")
-        before = filter(
-            None, [os.environ.get("PYTHONPATH")]
-        )  # an empty entry is the current folder
+        before = filter(None, [os.environ.get("PYTHONPATH")])  # "" is the current folder
         path = [str(TOYS), str(Path(package.__file__).parents[1]), *before]
         patch.setenv("PYTHONPATH", os.pathsep.join(path))
         start_fork_server(f"palpate.nodes.{kind}" for kind in list_kinds())
@@ -233,9 +229,3 @@ def in_group(group: int) -> list[psutil.Process]:
             if os.getpgid(process.pid) == group and process.info["status"] != psutil.STATUS_ZOMBIE:
                 processes.append(process)
     return processes
-
-
-@pytest.fixture
-def stack() -> Iterator[ExitStack]:
-    with ExitStack() as kept:
-        yield kept

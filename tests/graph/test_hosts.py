@@ -11,13 +11,12 @@ from pathlib import Path
 
 import psutil
 import pytest
-import zmq
 from palpate_toy import toy
 
 from palpate.launch.files.source_map import InputError
 from palpate.launch.hosts.addresses import free_endpoints, key_file, read_host
 from palpate.launch.processes.process_table import HostSettings
-from palpate.messages.bus import ControlClient, SocketContext, bind, make_key
+from palpate.messages.bus import ControlClient, SocketContext, make_key
 from tests.graph.conftest import started, wait_for
 
 pytestmark = [
@@ -110,60 +109,12 @@ def test_killed_launcher_leaves_no_node_on_other_machines(away):
     wait_for(lambda: not lent_nodes(away[1].pid))
 
 
-def test_subscriber_without_the_key_receives_nothing(key):
-    wires = SocketContext(str(key))
-    publisher, open_ear = wires.context.socket(zmq.XPUB), zmq.Context.instance().socket(zmq.SUB)
-    [endpoint] = free_endpoints("127.0.0.1", ["port"]).values()
-    bind(publisher, endpoint)
-    locked = wires.context.socket(zmq.SUB)
-    for ear in (open_ear, locked):
-        ear.subscribe(b"")
-        ear.connect(endpoint)
-    assert publisher.poll(5000)
-    publisher.recv()
-    publisher.send(b"secret")
-    assert locked.poll(5000)
-    assert not open_ear.poll(100)
-    for wire in (publisher, locked, open_ear):
-        wire.close(0)
-    wires.close()
-    wires = SocketContext()
-    publisher = wires.context.socket(zmq.XPUB)
-    with pytest.raises(ValueError, match="cannot be used without a key"):
-        bind(publisher, "tcp://127.0.0.1:7999")
-    publisher.close(0)
-    wires.close()
-
-
-SHORT = 'curve\n    public-key = "short"\n    secret-key = "short"\n'
-
-
-def test_key_is_made_once_is_private_and_is_checked(tmp_path):
-    key = tmp_path / "graph.key"
-    make_key(key)
-    assert key.stat().st_mode & 0o777 == 0o600
-    SocketContext(str(key)).close()
-    with pytest.raises(FileExistsError, match="exists already; it is not overwritten"):
-        make_key(key)
-    key.chmod(0o644)
-    with pytest.raises(ValueError, match=f"can be read by others; run chmod 600 {key}"):
-        SocketContext(str(key))
-    key.chmod(0o600)
-    for text in ("curve\n", "", "\0", 'public-key = "short"\n', SHORT):
-        key.write_text(text)
-        with pytest.raises(ValueError, match="cannot be used"):
-            SocketContext(str(key))
-
-
-def test_machine_is_named_by_address_and_port():
+def test_machine_is_named_by_address_and_port_and_has_free_ones():
     assert read_host("lab2") == ("lab2", 7447)
     assert read_host("192.168.1.5:900") == ("192.168.1.5", 900)
     for text in ("", "tcp://a", "a:b", "a:0", "a:70000", "-a", "a b"):
         with pytest.raises(InputError, match="must look like"):
             read_host(text)
-
-
-def test_free_ports_are_found_on_this_machine_alone():
     ports = [int(one.rpartition(":")[2]) for one in free_endpoints("127.0.0.1", "abc").values()]
     assert len(set(ports)) == 3
     with pytest.raises(ValueError, match=r"8\.8\.8\.8 is no address of this machine"):

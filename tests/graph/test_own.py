@@ -62,15 +62,13 @@ def own(frames, tmp_path_factory) -> Path:
     return launched(folder, "own.yaml", f"path:={frames}", FLAT, "at_once:=true")
 
 
-def test_own_node_and_its_type_are_found_by_every_process(own, monkeypatch):
+def test_own_type_is_found_by_every_process_and_read_without_its_module(own, monkeypatch, tmp_path):
     monkeypatch.syspath_prepend(str(own.parent))
     from own_bends import OwnBends  # type: ignore[import-not-found]
 
     touches = [one.touch for one in recorded(own, "/own_bends", OwnBends)]
     assert touches == list(range(TOUCHES))  # each bends more than all before
 
-
-def test_recording_of_own_type_is_read_without_its_module(own, tmp_path):
     def output(*words):
         done = palpate(*words, folder=tmp_path)
         assert done.code == 0, done.err

@@ -76,16 +76,12 @@ def about(card):
 
 
 @pytest.mark.slow
-def test_messages_published_by_tools_are_recorded_once_as_from_outside(tuned):
+def test_parameters_and_messages_of_tools_are_recorded_once_inside_and_outside(tuned):
     messages = open_recording(tuned / "topics.mcap").messages()
     outside = [(one.topic, one.publisher) for one in messages if one.outside]
     assert outside.count(("/filter/parameter_events", "filter")) == 2
     assert outside.count(("/plan/estimate", "planner")) == 1
     assert len(outside) == 3
-
-
-@pytest.mark.slow
-def test_parameters_are_recorded_where_they_were_set(tuned):
     events = recorded(tuned, "/filter/parameter_events", ParameterEvent)
     first, second = [one for one in events if one.value != '"none"']
     assert len(events) == 4
@@ -98,6 +94,8 @@ def test_parameters_are_recorded_where_they_were_set(tuned):
     summary = read_summary(tuned)
     assert (summary["tolerance_m"], summary["tolerance_met"]) == (3e-4, True)
     assert summary["rms_bound_95_m"] > 1e-4
+    outside = tuned.parent / "o.mcap"
+    assert all(one.identical for one in compare_recordings(tuned, outside).topics.values())
 
 
 @pytest.mark.slow
@@ -106,12 +104,6 @@ def test_replay_sets_the_same_and_publishes_the_same(tuned):
         done = palpate("replay", tuned, "--nodes", node)
         assert done.code == 0
         assert f"2 on /{node}/parameter_events" in " ".join(done.out.split())
-
-
-@pytest.mark.slow
-def test_recording_from_outside_begins_with_the_first_message(tuned):
-    outside = tuned.parent / "o.mcap"
-    assert all(one.identical for one in compare_recordings(tuned, outside).topics.values())
 
 
 @pytest.mark.slow

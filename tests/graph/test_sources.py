@@ -19,7 +19,7 @@ from palpate.messages.recording import RecordingWriter
 from palpate.messages.types import TactileFrame
 from palpate.nodes import console, player
 from palpate.tools.introspection.requests import control_player, publish, request
-from tests.graph.conftest import WITHIN, Harm, handled, wait_for
+from tests.graph.conftest import Harm, handled, wait_for
 
 pytestmark = pytest.mark.graph
 
@@ -66,17 +66,19 @@ class Aside(threading.Thread):
             self.failure = error
 
 
-def test_recording_is_played_to_its_last_message_at_its_times(run, watcher, tmp_path):
+def test_recording_is_played_at_its_times_and_has_not_stalled_between(run, watcher, tmp_path):
     times: list[float] = []
     received = watcher.received
     watcher.received = lambda *word: (times.append(time.monotonic()), received(*word))
-    path = bag(tmp_path / "a.mcap", 200, period=2e-3)
-    counter = toy("counter", upstream="player", expects=200)
-    ending = run([counter, playing(path)], watch=["/player"])
-    assert (ending.status, ending.reason) == ("finished", "played 200 messages")
-    assert watcher.touches() == list(range(200))
-    assert ending.statuses["counter"].messages == 200
-    assert times[-1] - times[0] > 2e-3 * 199 - 0.1
+    graph = [
+        toy("counter", upstream="player", expects=6),
+        playing(bag(tmp_path / "a.mcap", 6, period=0.2)),
+    ]
+    ending = run(graph, watch=["/player"], settings=SupervisionSettings(stall_time=0.1))
+    assert (ending.status, ending.reason) == ("finished", "played 6 messages")
+    assert watcher.touches() == list(range(6))
+    assert ending.statuses["counter"].messages == 6
+    assert times[-1] - times[0] > 0.2 * 5 - 0.1
 
 
 def test_killed_player_goes_on_where_it_was(run, watcher, tmp_path):
@@ -108,24 +110,17 @@ IN_TERMINAL = "import os, pty, sys; sys.exit(os.waitstatus_to_exitcode(pty.spawn
 
 
 @pytest.mark.usefixtures("runtime")
-def test_keys_step_pause_and_resume_a_recording_in_a_terminal(stack, tmp_path):
+def test_keys_step_pause_and_resume_a_recording_in_a_terminal(tmp_path):
     play = ("-m", "palpate", "bag", "play", bag(tmp_path / "a.mcap", 50), "--start-paused")
     command = (sys.executable, "-c", IN_TERMINAL, sys.executable, *play)
-    terminal = stack.enter_context(Popen(command, stdin=PIPE, stdout=PIPE, bufsize=0))
-    stack.callback(terminal.kill)
-    assert terminal.stdout.readline().endswith(b": 1 topics, 1 x, paused\r\n")
-    terminal.stdin.write(b"\x1b[C\x1b[C")  # the right arrow
-    wait_for(lambda: handled(running_graphs()[0], "player", "sent") == 1 + 2)
-    terminal.stdin.write(b"   ")
-    lines = terminal.stdout.readlines()
+    with Popen(command, stdin=PIPE, stdout=PIPE, bufsize=0) as terminal:
+        assert terminal.stdout.readline().endswith(b": 1 topics, 1 x, paused\r\n")
+        terminal.stdin.write(b"\x1b[C\x1b[C")  # the right arrow
+        wait_for(lambda: handled(running_graphs()[0], "player", "sent") == 1 + 2)
+        terminal.stdin.write(b"   ")
+        lines = terminal.stdout.readlines()
     assert lines == [b"resumed\r\n", b"paused\r\n", b"resumed\r\n", b"played 50 messages\r\n"]
-    assert terminal.wait(WITHIN) == 0
-
-
-def test_source_that_is_quiet_for_long_has_not_stalled(run, tmp_path):
-    graph = [playing(bag(tmp_path / "a.mcap", 3, period=0.4))]
-    ending = run(graph, watch=["/player"], settings=SupervisionSettings(stall_time=0.1))
-    assert (ending.status, ending.reason) == ("finished", "played 3 messages")
+    assert terminal.returncode == 0
 
 
 BODY = (

@@ -72,17 +72,6 @@ def test_ctrl_c_ends_view_without_fault(explored):
     assert (process.returncode, rest, error) == (0, "", "")
 
 
-@pytest.mark.slow
-def test_run_with_view_prints_its_address_first(tmp_path):
-    draft = ("--set", "planner.planner=uniform", "--set", "reconstructor.quality=draft")
-    done = palpate(
-        "run", "sphere", "--touches", 24, *draft, "--json", "--view", "--out", tmp_path / "a"
-    )
-    assert done.code == 1
-    assert done.err.startswith("view  http://127.0.0.1:")
-    assert done.out.startswith("{")
-
-
 def test_view_of_composed_nodes_is_refused(tmp_path):
     done = palpate("run", "sphere", "--composed", "--view", "--out", tmp_path / "a")
     assert done.code == 2

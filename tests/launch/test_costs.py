@@ -45,23 +45,12 @@ from palpate.testing import example
 SVG = "{http://www.w3.org/2000/svg}"
 
 
-@pytest.mark.parametrize(("text", "words"), [
-    ("0.2s", "the unit 's' is none of m, cm, mm, um"),
-    ("0mm", "must be more than 0"),
-    ("1e999mm", "must be more than 0"),
-])  # fmt: skip
-def test_bad_length_is_refused_in_one_sentence(text, words):
-    with pytest.raises(InputError, match=words) as caught:
-        read_quantity(text, LENGTHS, "--tolerance")
-    assert str(caught.value).startswith(f"--tolerance {text}: ")
-
-
 def resolved(settings, tmp_path):
     args = {"scene": SourceMapped(str(find_scene("sphere")), "scene")}
     return check_run(EXPLORE, args, settings, tmp_path / "run")[1]
 
 
-def test_demand_is_told_with_reason_and_expected_cost(tmp_path):
+def test_demand_is_told_with_its_cost_and_time_too_short_for_the_grasp_refused(tmp_path):
     settings = read_demand("0.4mm", None, "300s", None, "known", "fine")
     wirings = resolved(settings, tmp_path)
     text = " ".join(demand_text(wirings, settings, (0.08, 0.08, 0.08)).split())
@@ -84,15 +73,12 @@ def test_demand_is_told_with_reason_and_expected_cost(tmp_path):
     assert "at most 90 touches (--touches 90)" in text
     assert "expected" not in text
     assert demand_text([], {}, (0.1, 0.1, 0.1)) == ""
-
-
-def test_time_too_short_for_the_grasp_is_refused(tmp_path):
     with pytest.raises(InputError, match=r"--budget 20s: most_seconds is 20 s; the grasp alone"):
         resolved(read_demand(None, None, "20s", None, None, None), tmp_path)
     assert resolved(read_demand(None, None, "31s", None, None, None), tmp_path)
 
 
-def test_expected_cost_rises_with_accuracy_and_surface(tmp_path):
+def test_expected_cost_rises_with_accuracy_and_the_area_of_an_ellipsoid(tmp_path):
     costs = [expected_cost(tolerance) for tolerance in np.geomspace(1e-4, 0.02, 40)]
     touches = np.array([one.touches for one in costs])
     assert (np.diff(touches[:, 1]) <= 0.0).all() and touches[0, 1] > 2.0 * touches[-1, 1]
@@ -106,16 +92,20 @@ def test_expected_cost_rises_with_accuracy_and_surface(tmp_path):
         assert forecast(asked, (0.08,) * 3, quality="fine").compute > ball.compute
         finer = forecast(type(asked)(planner=name, tolerance=1e-4), (0.08,) * 3)
         assert finer.touches[1] > ball.touches[1] and finer.seconds[1] > ball.seconds[1]
-
-
-def test_area_of_ellipsoid_is_that_of_ball_and_spheroid():
     eccentricity = math.sqrt(8.0) / 3.0  # of semi-axes 1, 1 and 3
     spheroid = 2.0 * math.pi * (1.0 + 3.0 * math.asin(eccentricity) / eccentricity)
     assert ellipsoid_area((2.0, 2.0, 2.0)) == pytest.approx(4.0 * math.pi, rel=1e-12)
     assert ellipsoid_area((2.0, 2.0, 6.0)) == pytest.approx(spheroid, rel=0.012)  # Thomsen
 
 
-def test_pose_and_noise_become_keys_of_the_scene():
+def test_pose_noise_and_mesh_become_keys_of_the_scene_and_bad_lengths_are_refused():
+    for text, words in (
+        ("0.2s", "the unit 's' is none of m, cm, mm, um"),
+        ("0mm", "must be more than 0"),
+        ("1e999mm", "must be more than 0"),
+    ):
+        with pytest.raises(InputError, match=f"^--tolerance {text}: {words}"):
+            read_quantity(text, LENGTHS, "--tolerance")
     assert read_setup(None, None) == []
     assert read_setup(None, "none") == [("--noise none", "scene.effects", [])]
     for text in ("1,2", "a,b,c", ""):
@@ -130,9 +120,6 @@ def test_pose_and_noise_become_keys_of_the_scene():
         assert list(spec.effects) == (["pose_error", "gaussian_noise"] if NOISES[noise] else [])
         assert spec.object.pose.position == (0.01, 0.0, 0.05)
         assert spec.object.pose.rotation == (0.0, 0.0, 0.6, 0.8)
-
-
-def test_unit_size_and_axis_of_mesh_become_keys_of_the_scene():
     assert read_mesh_setup(Path("part.ply"), None, "12cm", "y") == [
         ("--size", "scene.object.mesh.size", 0.12),
         ("--up", "scene.object.mesh.up", "y"),
@@ -164,7 +151,7 @@ def curve(estimates=(), scores=(), compute=None, **more):
 TWO = [estimate(2, 20, 1e-3), estimate(3, 40, 1e-4)]
 
 
-def test_score_and_estimate_of_a_model_are_one_entry_at_its_time():
+def test_score_and_estimate_are_one_entry_and_the_last_has_all_compute_time():
     estimates = [estimate(2, 20, 1e-3), estimate(3, 40, 5e-4, 12.0)]
     times = {"model_times": {2: 1.5}, "compute_times": [(1.0, 2.0), (3.0, 6.0)]}
     first, second = curve(estimates, [scored(2, 20, 8e-4)], **times)
@@ -174,9 +161,14 @@ def test_score_and_estimate_of_a_model_are_one_entry_at_its_time():
     assert [one["compute_s"] for one in (first, second)] == [3.0, 6.0]
     assert (first["forecast"], first["largest_untouched_m"]) == (None, 5e-3)
     assert second["forecast"] == {"touches": 12.0, "robot_time_s": 36.0}
+    done, times = example(PlanDone, number=3), [(2.0, 1.0), (3.0, 2.0)]
+    assert curve(TWO, compute_times=times, done=done, compute=7.5)[-1]["compute_s"] == 7.5
+    assert curve(TWO, compute_times=times, compute=7.5)[-1]["compute_s"] == 2.0
+    assert curve(TWO)[-1]["compute_s"] is None
+    assert curve(compute=7.5) == []
 
 
-def test_actual_cost_of_halving_stands_beside_its_forecast():
+def test_actual_cost_of_halving_stands_beside_its_forecast_also_in_words():
     estimates = [estimate(2, 20, 1e-3, 30.0), estimate(3, 40, 9e-4, 10.0), estimate(4, 60, 1e-4)]
     first, second, third = curve(estimates)
     assert first["halved"] == {"touches": 40, "robot_time_s": 80.0}
@@ -193,17 +185,6 @@ def test_actual_cost_of_halving_stands_beside_its_forecast():
     still = [estimate(2, 20, 1e-3, 30.0, seconds=0.0), estimate(3, 40, 1e-4, seconds=0.0)]
     entry = curve(still)[0]  # a robot without a clock
     assert (entry["halved"], entry["ratio"]) == ({"touches": 20, "robot_time_s": 0.0}, None)
-
-
-def test_last_entry_of_finished_run_has_all_compute_time():
-    done, times = example(PlanDone, number=3), [(2.0, 1.0), (3.0, 2.0)]
-    assert curve(TWO, compute_times=times, done=done, compute=7.5)[-1]["compute_s"] == 7.5
-    assert curve(TWO, compute_times=times, compute=7.5)[-1]["compute_s"] == 2.0
-    assert curve(TWO)[-1]["compute_s"] is None
-    assert curve(compute=7.5) == []
-
-
-def test_halvings_are_told_in_words():
     estimates = [estimate(2, 20, 1e-3, 16.0), estimate(3, 40, 4e-4, 12.3)]
     assert halving_lines(curve(estimates)) == [
         "next halving of the bound: about 12 touches, 37 s",
@@ -292,12 +273,18 @@ def shown_by(figure):
     return ["".join(one.itertext()) for one in root.iter(f"{SVG}text")]
 
 
-def test_without_a_model_only_times_are_drawn():
+def test_without_a_model_only_times_are_drawn_and_errors_of_rounding_in_their_panel():
     nothing = summary([entry(20, None, None)], steps={}, nodes={}, scene=None, compute_s=None)
     for facts in (nothing, {**nothing, "curve": [], "largest_untouched_m": None}):
         assert draw_text(facts) == []
         assert any("no model was judged" in text for text in shown_by(draw_cost(facts)))
         assert list(draw_panels(facts)) == ["Processor time by step of the work"]
+    facts = summary([entry(86, 6.5e-17, None)])
+    for figure in (draw_cost(facts), *draw_panels(facts).values()):
+        for axes in figure.axes:
+            lowest, highest = sorted(axes.get_ylim())
+            for line in axes.lines:
+                assert lowest <= min(line.get_ydata()) <= max(line.get_ydata()) <= highest
 
 
 def lines_of(axes):
@@ -315,6 +302,10 @@ def test_panels_have_a_mark_a_model_in_named_units():
                 models = np.array([(one[axis], 1e3 * one[key]) for one in CURVE])
                 assert lines[label] == pytest.approx(models)
             assert ("next halving of the bound" in lines) == (axis in HALVING_COSTS)
+            if axis in HALVING_COSTS:  # from the last bound to its half
+                (x, y), (to_x, to_y) = lines["next halving of the bound"]
+                assert (x, y) == pytest.approx((CURVE[-1][axis], 1e3 * CURVE[-1][BOUND]))
+                assert (to_x - x, to_y) == pytest.approx((FORECAST[axis], 0.5 * y))
             (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
             for points in (lines[label] for label in lines if " mm" not in label):
                 assert ((left < points[:, 0]) & (points[:, 0] < right)).all()
@@ -326,34 +317,15 @@ def test_panels_have_a_mark_a_model_in_named_units():
     assert not [text for text in texts if "tolerance" in text]
 
 
-def test_error_of_rounding_alone_lies_within_its_panel():
-    facts = summary([entry(86, 6.5e-17, None)])
-    for figure in (draw_cost(facts), *draw_panels(facts).values()):
-        for axes in figure.axes:
-            lowest, highest = sorted(axes.get_ylim())
-            for line in axes.lines:
-                assert lowest <= min(line.get_ydata()) <= max(line.get_ydata()) <= highest
-
-
-def test_forecast_leads_from_the_last_bound_to_its_half():
-    for axes in draw_cost(summary()).axes[:2]:
-        (x, y), (to_x, to_y) = lines_of(axes)["next halving of the bound"]
-        axis = next(key for key, (name, _) in AXES.items() if name == axes.get_xlabel())
-        assert (x, y) == pytest.approx((CURVE[-1][axis], 1e3 * CURVE[-1][BOUND]))
-        assert (to_x - x, to_y) == pytest.approx((FORECAST[axis], 0.5 * y))
-
-
-def test_shortest_of_too_many_bars_are_one():
+def test_levels_cross_every_panel_and_shortest_of_too_many_bars_are_one():
     steps = {f"step {number}": 1.0 / (1 + number) for number in range(30)}
-    texts = shown_by(draw_cost(summary(steps=steps)))
-    assert {"17 others", "step 12"} < {*texts} and "step 13" not in texts
-
-
-def test_levels_are_drawn_across_every_panel():
-    for axes in draw_cost(summary(tolerance_m=1e-6)).axes[:3]:
+    figure = draw_cost(summary(tolerance_m=1e-6, steps=steps))
+    for axes in figure.axes[:3]:
         lines = lines_of(axes)
         for label, level in (("tolerance 0.001 mm", 1e-3), ("sampling floor 0.008 mm", 8e-3)):
             assert lines[label] == pytest.approx(np.array([(0.0, level), (1.0, level)]))
+    texts = shown_by(figure)
+    assert {"17 others", "step 12"} < {*texts} and "step 13" not in texts
 
 
 def test_log_scale_has_round_ticks_and_room_for_its_values():
@@ -382,28 +354,17 @@ def figure_of(values=(1.0, 20.0, 300.0), size=(320.0, 240.0)):
     return figure
 
 
-@pytest.fixture(scope="module")
-def text():
-    return charts.svg_text(figure_of(), "What <it> is", NOTE)
-
-
-def test_same_figure_is_same_text(text):
+def test_figure_is_self_contained_text_for_light_and_dark_pages():
+    text = charts.svg_text(figure_of(), "What <it> is", NOTE)
     assert text == charts.svg_text(figure_of(), "What <it> is", NOTE)
     assert not re.search(r"\b20\d\d-\d\d", text)  # no date
-
-
-def test_text_is_text_with_its_title_size_and_notes(text):
     root = ElementTree.fromstring(text)
     assert root.get("aria-label") == root.findtext(f"{SVG}title") == "What <it> is"
     assert {one.text for one in root.iter(f"{SVG}title")} == {"What <it> is", *NOTE.values()}
     texts = {one.text for one in root.iter(f"{SVG}text")}
     assert {"cost, s", "error, mm", "$5 < $6", "1", "10", "100"} < texts
-    assert [float((root.get(side) or "").removesuffix("pt")) for side in ("width", "height")] == [
-        240.0, 180.0,
-    ]  # fmt: skip
-
-
-def test_picture_is_self_contained_for_light_and_dark_pages(text):
+    sides = [root.get(side) for side in ("width", "height")]
+    assert [float((side or "").removesuffix("pt")) for side in sides] == [240.0, 180.0]
     assert not re.search(r"<image|<script|@import|@font-face|url\((?!#)", text)
     assert {*re.findall(r"https?://[\w.]+", text)} == {"http://www.w3.org"}  # its namespaces
     style, body = text.split("</style>", 1)

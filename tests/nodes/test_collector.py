@@ -74,14 +74,11 @@ def test_ball_that_stands_is_cut_off_at_its_platform():
     assert "turn the object over" in done.reason and "with placement 1" in done.reason
 
 
-def test_touches_of_one_plane_are_no_solid():
+def test_touches_that_make_no_solid_or_lack_a_platform_end_with_the_reason():
     places = [(np.array([0.02 * number, 0.0, 0.0]), np.eye(3)) for number in range(4)]
     model, done = solid(patches_at(places, np.full((16, 16), DEPTH)))
     assert not len(model.faces)
     assert done.reason == "all contacts, of 4 of 4 frames, lie in one plane: touch other sides"
-
-
-def test_frames_without_a_contact_end_with_the_reason():
     patches = patches_at([(np.zeros(3), np.eye(3))] * 30, np.zeros((16, 16)))
     *_, (_, done), finished = collected(patches)
     assert isinstance(finished, Finished)
@@ -91,15 +88,17 @@ def test_frames_without_a_contact_end_with_the_reason():
     nothing = example(ShapeModel, number=1, final=True, faces=np.zeros((0, 3), np.int32))
     published = collected(patches, ("/model/shape", nothing))
     assert len(messages_on(published, "/plan/done")) == 1
-
-
-def test_touches_too_far_apart_for_one_object_end_with_the_reason():
     axes = [np.eye(3), np.diag([1.0, -1.0, -1.0])]
     asked = collected(patches_at([(np.array([0, 0, 5.0 * n]), axes[n]) for n in range(2)]))
     [done] = messages_on(asked, "/plan/done")
     assert "m from their middle, more than 0.6 m: are the poses in m" in done.reason
     assert done.probes == () and messages_on(asked, "/model/goal") == []
     assert messages_on(asked, "/world")[0].reach <= 0.6
+    _, patches = turned_block(3)
+    [done] = messages_on(collected(patches), "/plan/done")
+    assert "the height of its platform is unknown: give it, as platform:=0" in done.reason
+    [goal, last] = messages_on(collected(patches, platform=0.0), "/model/goal")
+    assert (goal.final, last.final, goal.probes) == (False, True, last.probes)
 
 
 def test_nothing_is_asked_before_all_frames_have_come():
@@ -157,11 +156,3 @@ def test_touches_that_fit_nowhere_since_it_was_turned_over_are_left_out():
     model, done = solid(patches_of([*frames, *swollen]), platform=0.0, tolerance=5e-4)
     assert len(model.faces) and not len(model.placements)
     assert done.reason.startswith("those since it was turned over once are left out: its ")
-
-
-def test_turned_object_needs_its_platform():
-    _, patches = turned_block(3)
-    [done] = messages_on(collected(patches), "/plan/done")
-    assert "the height of its platform is unknown: give it, as platform:=0" in done.reason
-    [goal, last] = messages_on(collected(patches, platform=0.0), "/model/goal")
-    assert (goal.final, last.final, goal.probes) == (False, True, last.probes)

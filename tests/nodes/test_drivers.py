@@ -85,16 +85,13 @@ def test_table_of_frames_is_read(write: Write, lines: list[str]):
     assert timed.times is not None and timed.times.tolist() == [2.5, 2.5, 3.0]
 
 
-def test_array_that_is_not_square_needs_its_rows(write: Write):
+def test_square_array_is_told_from_its_columns_and_any_other_needs_its_rows(write: Write):
     path = write("f.csv", "0,0,0,0.707,0,0,0.707," + ",".join("0" * 32))
     frames = read_frames(path, 4, 8)
     assert frames.images.shape == (1, 4, 8)
     assert np.linalg.norm(frames.poses[0][3:]) == pytest.approx(1.0, abs=1e-15)
     with pytest.raises(ValueError, match=r"f\.csv:1: has 39 columns; expected 7 of the pose and"):
         read_frames(path)
-
-
-def test_every_square_array_is_told_from_its_columns():
     for side, time in itertools.product(range(4, 65), ("", "1.5,")):
         row = parse_row(f"{time}0,0,0,0,0,0,1," + ",".join("0" * side**2), "f:1", None)
         assert row.image.shape == (side, side) and row.time == (1.5 if time else None)
@@ -154,10 +151,7 @@ def test_wrong_table_is_refused_with_its_line(write: Write, lines: list[str], wo
     ({"frames": FRAMES, "poses": UNITS[:1]}, r"poses has shape \(1, 7\); expected \(2, 7\)"),
     ({"frames": FRAMES, "poses": UNITS, "times": [1.0]}, r"times has shape \(1,\); expected"),
     ({"frames": FRAMES, "poses": UNITS, "times": [1.0, 0.0]}, "times must not fall"),
-    (
-        {"frames": FRAMES, "poses": UNITS, "placements": [0, 2]},
-        r"placements\[1\]: the placement is",
-    ),
+    ({"frames": FRAMES, "poses": UNITS, "placements": [0, 2]}, r"placements\[1\]: the place"),
     ({"frames": FRAMES, "poses": 2 * UNITS}, r"poses\[0\]: the quaternion has length 2"),
     ({"frames": FRAMES[:0], "poses": UNITS[:0]}, "holds no frames"),
     ({"frames": np.zeros((2, 3, 4)), "poses": UNITS}, "frames of 3 by 4; expected 4 to 64"),
@@ -202,21 +196,18 @@ def published(params: Any) -> list[Timed]:
     return [one for one in driver.SOURCE.open(params) if isinstance(one, Timed)]
 
 
-def test_frames_of_a_file_become_patches_of_the_ball(table: Path):
-    published = drive(driver.SOURCE, params={**PAD, "path": str(table)})
-    assert published[-1] == Finished(f"published the 3 frames of {table}")
-    assert messages_on(published, "/touch/end")[0].frames == 3
-    images = drive(filter.NODE, published[:-2])
-    patches = messages_on(drive(curvature.NODE, [published[0], *images]), "/touch/patch")
+def test_frames_of_a_file_become_patches_of_the_ball_at_their_times_or_at_once(table: Path):
+    sent = drive(driver.SOURCE, params={**PAD, "path": str(table)})
+    assert sent[-1] == Finished(f"published the 3 frames of {table}")
+    assert messages_on(sent, "/touch/end")[0].frames == 3
+    images = drive(filter.NODE, sent[:-2])
+    patches = messages_on(drive(curvature.NODE, [sent[0], *images]), "/touch/patch")
     for patch in patches:
         # Rounding alone: a paraboloid is a jet.
         assert (patch.k1, patch.k2) == pytest.approx((50.0, 50.0), rel=1e-6)
         # The pad's z axis, x of the world, points into the object.
         assert patch.normal == pytest.approx([-1.0, 0.0, 0.0], abs=1e-9)
     assert [patch.kind for patch in patches] == ["smooth"] * 3
-
-
-def test_frame_is_due_at_its_time_or_at_once(table: Path):
     params = msgspec.convert({**PAD, "path": str(table), "rate": 20.0}, driver.Params)
     assert [one.due for one in published(params)] == [0.0, 0.0, 0.05, 0.1, 0.1]
     assert [one.message.robot_time for one in published(params)[1:]] == [0.0, 0.05, 0.1, 0.1]
@@ -232,10 +223,7 @@ def test_frame_is_due_at_its_time_or_at_once(table: Path):
     "changes, words",
     ({"sensor": {"rows": 12}}, r"frames\.csv:1: has 263 columns; expected 199"),
     ({"path": "no.csv"}, r"no\.csv: cannot be read"),
-    (
-        {"scale": 1e3},
-        "frame 2: the pad is compressed by 0.788 m, but is 0.003 m thick; are the",
-    ),
+    ({"scale": 1e3}, "frame 2: the pad is compressed by 0.788 m, but is 0.003 m thick; are the"),
 )
 def test_file_that_cannot_be_published_is_refused_before_the_start(table, changes, words):
     params = msgspec.convert({**PAD, "path": str(table), **changes}, driver.Params)
@@ -358,16 +346,13 @@ def test_console_publishes_what_tools_type_and_nothing_else():
         console.Params(topics={"/log": "Lag"})
 
 
-def test_sensor_tells_what_stands_in_its_data_sheet():
+def test_sensor_tells_its_data_sheet_which_a_calibration_replaces():
     sensor = SensorSpec(pitch=0.9e-3, pad=PadSpec(thickness=0.004, sound_speed=900.0))
     info = info_of(sensor, 0.0)
     assert info.taxel_stiffness == pytest.approx(sensor.pad.stiffness * 0.81e-6)
     sheet, pad = calibration_of_info(info), pad_of_info(info)
     assert (sheet.thickness, sheet.sound_speed) == (0.004, 900.0)
     assert (pad.rows, pad.pitch, pad.thickness, pad.dome) == (16, 0.9e-3, 0.004, 1 / 0.015)
-
-
-def test_calibration_of_a_sensor_replaces_its_data_sheet():
     calibration = CalibrationSpec(
         gain=((1.1,) * 16,) * 16, offset=((1e-5,) * 16,) * 16, sound_speed=950.0, noise=2e-5
     )

@@ -28,7 +28,8 @@ SECTION, SWEEP = {"size": [0.03, 0.02]}, [[0.0, 1.0], [0.08, 0.5]]
 DRILL = {"generalised_cylinder": {"section": {"size": [0.01, 0.01]}, "sweep": [[0, 1], [1, 1]]}}
 SMALL = {"hyperquadric": {"terms": [{**t, "plane": [4 * v for v in t["plane"]]} for t in TERMS]}}
 CORNERS = [[0, 0, 0], [0.06, 0, 0], [0, 0.06, 0], [0, 0, 0.06]]
-TETRAHEDRON = {"vertices": CORNERS, "faces": [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]}
+ROUND = [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]
+TETRAHEDRON = {"vertices": CORNERS, "faces": ROUND}
 ROW = [{**BALL, "pose": {"position": [0.01 * i, 0, 0]}} for i in range(32)]
 TAPERED = {"superquadric": {**BALL["superquadric"], "taper": [0.5, 0.2]}}
 HOLE = {"cylinder": {"radius": 0.01, "height": 0.1}}
@@ -126,7 +127,7 @@ def test_poses_of_a_tree_are_composed():
     assert np.allclose((low + high) / 2, [0.0, 0.05, 0.1], rtol=0, atol=1e-4)
 
 
-def test_polyhedron_and_hyperquadric_are_met_on_their_faces():
+def test_faces_and_sections_are_met_where_their_words_say():
     shape = made(polyhedron=TETRAHEDRON)
     assert ranges(shape, 0.01, 0.1, DOWN) == pytest.approx(0.05, abs=1e-15)
     assert np.isposinf(ranges(shape, -0.01, 0.1, DOWN))
@@ -134,9 +135,6 @@ def test_polyhedron_and_hyperquadric_are_met_on_their_faces():
     plain, dented = (made(hyperquadric={"terms": TERMS, "dents": dents}) for dents in ([], [DENT]))
     assert ranges(plain, 0.1, 0.0) == pytest.approx(0.06, abs=1e-15)
     assert 0.065 < ranges(dented, 0.1, 0.0) < 0.075
-
-
-def test_section_of_radii_begins_at_x_and_tilt_leaves_it_level():
     straight = [[0, 1], [0.1, 1]]
     section = {"radii": [0.03, 0.02, 0.025, 0.02]}
     shape = made(generalised_cylinder={"section": section, "sweep": straight})
@@ -162,7 +160,7 @@ def test_lattice_deforms_any_solid_with_a_function(words: dict[str, Any]):
     assert 0.0 < ranges(shape, 0.2, 0.02) < ranges(plain, 0.2, 0.02)
 
 
-def test_taper_comes_first_then_bend_then_lattice():
+def test_taper_comes_first_then_bend_then_lattice_whose_surface_exact_rays_meet():
     words = {"taper": [0.3, -0.1], "bend": 6.0, "bend_direction": 30.0}
     base = Superquadric(np.array(SIZE), np.array(EXPONENTS)).mesh(3).vertices
     bent = Bend(6.0, math.radians(30.0))(Taper(0.3, -0.1, 0.05)(base))
@@ -175,9 +173,6 @@ def test_taper_comes_first_then_bend_then_lattice():
     # A lattice that widens every layer widens the bent solid about the middle of its box.
     stretch = np.linalg.lstsq(np.column_stack([bent[:, 0], np.ones(len(bent))]), wide[:, 0])[0][0]
     assert stretch == pytest.approx(1.1) and np.allclose(wide[:, 2], bent[:, 2], rtol=0, atol=1e-15)
-
-
-def test_exact_takes_rays_to_the_surface_that_the_lattice_deforms():
     origins = np.array([[0.2, y, z] for y in (-0.01, 0.0, 0.01) for z in (-0.03, 0.0, 0.03)])
     exact, facets = (
         solid(lattice=[{}] * 4, exact=exact).cast(origins, SIDEWAYS, 1.0) for exact in (True, False)
@@ -222,10 +217,7 @@ def swept(sweep: Any = SWEEP, **section: Any) -> dict[str, Any]:
     ({**plain(), "exact": True}, "lattice: .* superquadric is exact anyway"),
     ({"polyhedron": TETRAHEDRON, "exact": True}, "out, a polyhedron is cast as it is"),
     ({"hyperquadric": {"terms": TERMS}, "exact": True}, "out, a hyperquadric is exact anyway"),
-    (
-        {**plain(), "lattice": FOLDED},
-        r"the lattice folds or flattens \d+.\d% of its box: bring",
-    ),
+    ({**plain(), "lattice": FOLDED}, r"the lattice folds or flattens \d+.\d% of its box: bring"),
     ({**plain(), "lattice": [{}] * 3}, "length >= 4"),
     ({**plain(), "lattice": [{"shift": [math.nan, 0]}, {}, {}, {}]}, "shift must be finite"),
     ({"polyhedron": TETRAHEDRON, "lattice": VASE}, "a lattice deforms no polyhedron"),
@@ -243,20 +235,14 @@ def swept(sweep: Any = SWEEP, **section: Any) -> dict[str, Any]:
     (swept(), "a section is exactly one of"),
     (swept(**SECTION, radii=[1, 1, 1]), "got radii and size"),
     (swept([[0, -1], [1, 1]], **SECTION), ">= 0"),
-    (
-        {"polyhedron": {**TETRAHEDRON, "faces": [[0, 1, 2], *TETRAHEDRON["faces"][1:]]}},
-        "both pass the edge",
-    ),
+    ({"polyhedron": {**TETRAHEDRON, "faces": [[0, 1, 2], *ROUND[1:]]}}, "both pass the edge"),
     ({"boolean": {"union": [BALL]}}, "length >= 2"),
     ({"boolean": {}}, "a part of a boolean is exactly one of .* got none of them"),
     ({"boolean": {"complement": BALL}}, "the complement that is the tree is unbounded"),
     ({"boolean": {"union": [BALL, half_space(1.0)]}}, r"half-space that is union\[1\]"),
     ({"boolean": {"difference": [BALL, SHELL]}}, "the tree leaves nothing"),
     ({"boolean": {"union": [SHIFTED, BALL, BALL]}}, r"union\[2\] is the same as union\[1\]"),
-    (
-        {"boolean": {"union": [{"union": ROW}, {"complement": {"union": ROW}}, BALL]}},
-        "at most 64 parts in all",
-    ),
+    ({"boolean": {"union": [{"union": ROW}, {"union": ROW[1:]}, BALL, HOLE]}}, "at most 64 parts"),
 )
 def test_object_that_cannot_be_is_refused_with_a_sentence(words: dict[str, Any], sentence: str):
     with pytest.raises(msgspec.ValidationError, match=sentence):

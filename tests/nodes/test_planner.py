@@ -32,7 +32,6 @@ UNIFORM = Params(planner="uniform", settings={"count": 5})
 SEVERAL = replace(ALONE, fingers=3)
 FAST = replace(ALONE, robot=ROBOT_PRESETS["modern"].array)
 
-
 Change = Callable[[Any, Any], Any]  # Goal and answer to what is answered instead
 
 
@@ -135,12 +134,10 @@ def explored(
             published.append((goal_topic, goal))
             answers = shape.answer(goal_topic, goal)
             waiting += answers
-            if world.fingers > 1:
-                waiting += [
-                    ("/finger/clock", types.FingerClock(finger=m.finger, robot_time=m.robot_time))
-                    for _, m in answers
-                    if isinstance(m, Contour | types.Probe)
-                ]
+            for _, one in answers if world.fingers > 1 else ():
+                if isinstance(one, Contour | types.Probe):
+                    clock = types.FingerClock(finger=one.finger, robot_time=one.robot_time)
+                    waiting.append(("/finger/clock", clock))
     return published
 
 
@@ -159,7 +156,7 @@ def predicted() -> Published:
     return explored(Params())
 
 
-def test_hand_closes_then_coarse_model_then_top_then_slices():
+def test_hand_closes_then_coarse_model_then_top_then_numbered_slices():
     topics = [topic for topic, _ in uniform()]
     closings = topics.count("/hand/goal")
     assert topics[: closings + 2] == ["/hand/goal"] * closings + ["/model/goal", "/probe/goal"]
@@ -171,9 +168,6 @@ def test_hand_closes_then_coarse_model_then_top_then_slices():
     assert all(g.pose[2] > TOP for g in probes) and 5 <= len(probes) <= 13
     work = [topic for topic in topics if topic in ("/contour/goal", "/model/goal")][1:]
     assert work[0] == "/contour/goal" and all(a != b for a, b in pairwise(work))
-
-
-def test_goals_are_numbered_through_and_carry_frame_time_and_all_that_is_known():
     goals = [goal for topic, goal in uniform() if topic in ("/contour/goal", "/probe/goal")]
     assert [goal.id for goal in goals] == list(range(len(goals)))
     times = [goal.not_before for goal in goals]
@@ -241,21 +235,25 @@ def test_slice_that_fails_is_tried_nearby_and_told_of(ended: dict[str, Any], unc
         return replace(contour, **ended) if 0.06 < goal.height < 0.09 else contour
 
     published = explored(UNIFORM, shape=Cylinder(contour=ending))
-    tried = {
-        goal.id for goal in messages_on(published, "/contour/goal") if 0.06 < goal.height < 0.09
-    }
+    goals = messages_on(published, "/contour/goal")
+    tried = {goal.id for goal in goals if 0.06 < goal.height < 0.09}
     [done] = messages_on(published, "/plan/done")
     assert len(done.contours) == 4 and set(done.arcs) == tried and len(tried) == 2
     assert done.failed and done.uncovered == pytest.approx(uncovered, abs=0.01)
 
 
-def test_contour_that_a_model_drops_is_traced_again():
+def test_contour_that_a_model_drops_is_traced_again_and_models_become_rarer():
     def dropping(goal: ModelGoal, model: Any) -> Any:
         dropped = {"dropped": goal.contours[1:2], "dropped_reasons": ("it crosses itself",)}
         return replace(model, **dropped) if len(goal.contours) > 1 else model
 
     published = explored(UNIFORM, shape=Cylinder(model=dropping))
     assert len(messages_on(published, "/contour/goal")) == 6
+    published = explored(Params(planner="uniform", settings={"count": 25}))
+    models = [goal.touches for goal in messages_on(published, "/model/goal")][1:]
+    early, late = np.diff(models[:6]), np.diff(models[-4:])
+    assert early.max() <= 2 * TOUCHES and late.min() >= 2 * TOUCHES
+    assert models[-1] > 0.9 * 25 * TOUCHES
 
 
 def test_models_are_asked_of_single_touches_that_hit_and_told_of_misses():
@@ -277,7 +275,7 @@ def test_models_are_asked_of_single_touches_that_hit_and_told_of_misses():
     assert done.findings["error_bound"] > 0.0 and "untraced_height" not in done.findings
 
 
-def test_default_rule_covers_the_side_and_states_a_bound():
+def test_default_rule_covers_the_side_beside_its_models_and_states_a_bound():
     [done] = messages_on(predicted(), "/plan/done")
     tolerance = Params().tolerance
     assert done.reached and done.rms_bound_95 < tolerance
@@ -289,6 +287,12 @@ def test_default_rule_covers_the_side_and_states_a_bound():
     assert [one.number for one in estimates] == [one.number for one in judged]
     assert [one.contours for one in estimates] == [len(one.contours) for one in judged]
     assert estimates[-1].rms_bound_95 == done.rms_bound_95
+    topics = [topic for topic, _ in predicted()]
+    work = [topic for topic in topics if topic in ("/contour/goal", "/model/goal")][1:]
+    # The cover goes on beside its first models; whatever follows it waits for the last of them.
+    assert work[:6] == ["/contour/goal", *2 * ["/model/goal", "/contour/goal"], "/model/goal"]
+    models = [place for place, topic in enumerate(topics) if topic == "/model/goal"]
+    assert [topics[place + 1] for place in models[1:3]] == ["/contour/goal"] * 2
 
 
 @cases(
@@ -314,14 +318,6 @@ def test_hand_leaves_robot_time_for_contours():
     assert (done.contours, done.reached, done.rms_bound_95) == ((), False, None)
 
 
-def test_more_touches_lie_between_later_models():
-    published = explored(Params(planner="uniform", settings={"count": 25}))
-    models = [goal.touches for goal in messages_on(published, "/model/goal")][1:]
-    early, late = np.diff(models[:6]), np.diff(models[-4:])
-    assert early.max() <= 2 * TOUCHES and late.min() >= 2 * TOUCHES
-    assert models[-1] > 0.9 * 25 * TOUCHES
-
-
 @cases(
     "params, world",
     (UNIFORM, ALONE),
@@ -336,15 +332,6 @@ def test_order_of_arrival_changes_nothing(params: Params, world: World):
 
     expected = bodies(None)
     assert all(bodies(random.Random(seed)) == expected for seed in range(2))
-
-
-def test_slice_in_which_no_model_has_a_say_begins_while_one_is_made():
-    topics = [topic for topic, _ in predicted()]
-    work = [topic for topic in topics if topic in ("/contour/goal", "/model/goal")][1:]
-    # The cover goes on beside its first models; whatever follows it waits for the last of them.
-    assert work[:6] == ["/contour/goal", *2 * ["/model/goal", "/contour/goal"], "/model/goal"]
-    models = [place for place, topic in enumerate(topics) if topic == "/model/goal"]
-    assert [topics[place + 1] for place in models[1:3]] == ["/contour/goal"] * 2
 
 
 @cases(

@@ -91,22 +91,16 @@ def test_messages_are_published_at_their_times(bag: Path, params: dict[str, Any]
     assert [*player.outputs(parsed)] == sorted(params.get("topics", ("/log", "/world")))
 
 
-def test_all_messages_of_a_latched_topic_that_keeps_all_are_published(tmp_path: Path):
+def test_latched_messages_come_first_loops_begin_anew_and_clocks_tick(tmp_path: Path, bag: Path):
     entries = [(0.1 * n, "/probe/traced", example(Probe, id=n)) for n in range(5)]
-    bag = record(tmp_path / "p.mcap", entries, {"/probe/traced": Probe})
-    found = played(bag, start_offset=0.35)
+    probes = record(tmp_path / "p.mcap", entries, {"/probe/traced": Probe})
+    found = played(probes, start_offset=0.35)
     assert [(due, n) for due, _, n in found] == [(0.0, n) for n in range(4)] + [(0.05, 4)]
-
-
-def test_loop_begins_anew_after_a_pause_or_ends_over_nothing(bag: Path):
     params = player.Params(path=str(bag), loop=True, rate=2.0)
     dues = [one.due for one in islice(player.play(params), 25)]
     assert (dues[12], dues[24]) == (pytest.approx(1.0), pytest.approx(2.0))
     nothing = player.Params(path=str(bag), loop=True, topics=("/log",), until=0.05)
     assert list(player.play(nothing)) == [Finished("played 0 messages")]
-
-
-def test_clock_ticks_in_the_recordings_time(bag: Path, tmp_path: Path):
     found = played(bag, clock=10.0, rate=2.0, start_offset=0.15, until=0.85)
     ticks = [(due, time) for due, topic, time in found if topic == "/clock"]
     assert ticks == [(0.0, 0.15), (0.1, 0.35), (0.2, 0.55), (0.3, 0.75)]

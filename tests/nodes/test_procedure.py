@@ -58,17 +58,23 @@ def published(*more: Any, world: World = TWO, **params: Any) -> list[Any]:
     return drive(NODE, [("/world", world), ("/touch/info", INFO), *more], own)
 
 
-def test_moves_of_two_fingers_begin_together():
+def test_moves_of_two_fingers_begin_together_and_the_hand_closes_again():
     first, second = messages_on(published(), "/finger/goal")
-    assert [(goal.finger, goal.goal, goal.touch) for goal in (first, second)] == [
-        (1, 0, 0),
-        (2, 0, 0),
-    ]
+    for finger, goal in ((1, first), (2, second)):
+        assert (goal.finger, goal.goal, goal.touch) == (finger, 0, 0)
     assert np.array_equal(first.pose, move().pose.array) and first.reach == move().reach
     later = published(patch_of(0, 1), patch_of(0, 2), settings={"count": 2})
     goals = messages_on(later, "/finger/goal")[2:]
     assert [(goal.goal, goal.not_before) for goal in goals] == [(1, 3.0)] * 2
     assert goals[1].pose[0] == pytest.approx(-0.01)
+    fields = {"robot_time": 4.0, "points": np.ones((2, 3))}
+    contacts = [("/hand/contacts", example(GraspContacts, number=n, **fields)) for n in range(2)]
+    outputs = published(*contacts, procedure=f"{HERE}:closings")
+    first, second = messages_on(outputs, "/hand/goal")
+    assert (first.number, first.fingers, first.opening, first.reach) == (0, 3, 0.1, 0.09)
+    assert (second.number, second.pose[2], second.not_before) == (1, 0.04, 4.0)
+    [result] = messages_on(outputs, "/procedure/result")
+    assert (result.figures, result.contacts, result.touches) == ({"contacts": 4.0}, 4, 0)
 
 
 @pytest.mark.parametrize("order", [(1, 2), (2, 1)])
@@ -86,20 +92,7 @@ def test_procedure_goes_on_when_all_have_met_something(order: tuple[int, int]):
     assert len({probe.id for probe in messages_on(outputs, "/probe/traced")}) == 2
 
 
-def test_hand_closes_again_when_it_has_met_something():
-    contacts = [
-        ("/hand/contacts", example(GraspContacts, number=n, robot_time=4.0, points=np.ones((2, 3))))
-        for n in range(2)
-    ]
-    outputs = published(*contacts, procedure=f"{HERE}:closings")
-    first, second = messages_on(outputs, "/hand/goal")
-    assert (first.number, first.fingers, first.opening, first.reach) == (0, 3, 0.1, 0.09)
-    assert (second.number, second.pose[2], second.not_before) == (1, 0.04, 4.0)
-    [result] = messages_on(outputs, "/procedure/result")
-    assert (result.figures, result.contacts, result.touches) == ({"contacts": 4.0}, 4, 0)
-
-
-def test_too_few_fingers_or_touches_end_it():
+def test_too_few_fingers_or_touches_end_it_and_unknown_settings_are_refused():
     [result] = messages_on(published(world=replace(TWO, fingers=1)), "/procedure/result")
     assert result.status == "unsuited"
     assert "it needs 2 fingers at once, and there are 1" in result.reason
@@ -107,6 +100,10 @@ def test_too_few_fingers_or_touches_end_it():
     outputs = published(*patches, most_touches=3, settings={"count": 5})
     [result] = messages_on(outputs, "/procedure/result")
     assert (result.status, result.reason) == ("incomplete", "3 touches were not enough")
+    with pytest.raises(ValueError, match="there is no procedure 'planer'"):
+        Params(procedure="planer")
+    with pytest.raises(ValueError, match="has no setting 'contact'; it has contacts"):
+        Params(procedure="containment", settings={"contact": 30})
 
 
 @cases(
@@ -118,10 +115,3 @@ def test_too_few_fingers_or_touches_end_it():
 def test_answer_that_was_not_asked_for_is_refused(answer: Any, words: str):
     with pytest.raises(ValueError, match=words):
         published(answer)
-
-
-def test_unknown_procedure_or_setting_is_refused():
-    with pytest.raises(ValueError, match="there is no procedure 'planer'"):
-        Params(procedure="planer")
-    with pytest.raises(ValueError, match="has no setting 'contact'; it has contacts"):
-        Params(procedure="containment", settings={"contact": 30})

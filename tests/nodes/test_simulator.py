@@ -137,16 +137,13 @@ def test_plain_scene_imports_nothing_that_it_does_not_use(solid: str, effects: A
     assert imported == files
 
 
-def test_effects_act_in_one_order():
+def test_effects_act_in_one_order_and_each_finger_draws_its_own_numbers():
     effects = {"quantisation": {}, "gaussian_noise": {}, "creep": {}, "pose_error": {}}
     first, second, ideal = (
         [frame.array for frame in answers(Params(object=BALL, effects=some), *[goal()] * 3)]
         for some in (effects, dict(reversed(effects.items())), {})
     )
     assert np.array_equal(first, second) and not np.array_equal(first, ideal)
-
-
-def test_each_finger_takes_its_own_goals_and_draws_its_own_numbers():
     asked = [goal(finger=1), goal(finger=2)]
     arrays = []
     for finger in (1, 2):
@@ -172,25 +169,17 @@ def test_effects_of_link_arm_and_face_are_told_or_seen():
     assert (info.face, info.face_decay) == ("membrane", 2e-3)
 
 
-def test_hand_tells_where_fingers_met_missed_or_were_blocked():
-    beside, low = (
-        Pose(np.array(at), FACING_DOWN).array for at in ([0.5, 0.0, 0.03], [0.0, 0.0, 0.001])
-    )
-    results = answers(Params(object=BALL), grasp(), grasp(pose=beside), grasp(pose=low))
-    assert [(one.number, one.missed, one.blocked) for one in results] == [
-        (4, 0, 0),
-        (4, 6, 0),
-        (4, 0, 5),
-    ]
-    met, nothing, blocked = results
+def test_hand_tells_where_its_fingers_met_and_another_number_is_another_hand():
+    places = np.array([[0.5, 0.0, 0.03], [0.0, 0.0, 0.001]])
+    beside, low = (grasp(pose=Pose(at, FACING_DOWN).array) for at in places)
+    met, nothing, blocked = results = answers(Params(object=BALL), grasp(), beside, low)
+    assert [one.number for one in results] == [4, 4, 4]
+    assert [(one.missed, one.blocked) for one in results] == [(0, 0), (6, 0), (0, 5)]
     away = met.points - [0.0, 0.0, 0.03]
     assert np.linalg.norm(away, axis=1) == pytest.approx(np.full(6, 0.03), abs=1e-6)
     assert np.einsum("ij,ij->i", away, met.normals) == pytest.approx(np.full(6, 0.03), abs=1e-6)
     assert met.fingers.tolist() == [0, 1, 2, 3, 4, 5]
     assert (len(nothing.points), blocked.fingers.tolist()) == (0, [5])
-
-
-def test_hand_of_another_number_of_fingers_is_another_hand():
     effects = {"pose_error": {"sigma": 1e-4}}
     asked = [grasp(), grasp(fingers=3), grasp(), grasp()]
     first, few, again, later = answers(Params(object=BALL, effects=effects), *asked)

@@ -104,16 +104,16 @@ def test_frame_turned_with_the_object_changes_no_touch(axis: tuple[float, float,
         assert np.allclose(first, second, rtol=0, atol=off)
 
 
-@pytest.mark.parametrize("most", [0, 7])
-def test_contour_takes_no_more_touches_than_its_goal_allows(most: int):
-    cut = traced(contour_goal(most_touches=most))
-    assert (cut.status, cut.touches) == ("budget", most)
-
-
-def test_contour_ends_before_the_robot_time_that_its_goal_names():
-    for most in (16.0, 20.0):
-        cut = traced(contour_goal(radius=0.06, not_after=most))
-        assert cut.status == "budget" and 0.7 * most < cut.robot_time < most
+def test_contour_ends_within_touches_and_robot_time_of_its_goal():
+    for most in (0, 7):
+        cut = traced(contour_goal(most_touches=most))
+        assert (cut.status, cut.touches) == ("budget", most)
+    goal = ("/contour/goal", contour_goal(most_touches=20))
+    *_, (_, contour) = touching([goal], Params(object=BALL), most_touches=10)
+    assert contour.status == "budget" and 10 <= contour.touches <= 11
+    for seconds in (16.0, 20.0):
+        cut = traced(contour_goal(radius=0.06, not_after=seconds))
+        assert cut.status == "budget" and 0.7 * seconds < cut.robot_time < seconds
     late = traced(probe_goal(not_after=3.0))
     assert (late.touches, late.outcome, late.robot_time) == (0, "miss", 0.0)
     assert traced(probe_goal(not_after=30.0)).touches == 1
@@ -195,15 +195,12 @@ def patch(touch: int = 0, goal: int = 0, **changes: Any) -> tuple[str, SurfacePa
     return "/touch/patch", example(SurfacePatch, touch=touch, goal=goal, **{**fields, **changes})
 
 
-def test_goals_wait_for_each_other():
+def test_goals_wait_for_each_other_and_touches_inside_are_repeated():
     goals = [("/probe/goal", probe_goal(id=7)), ("/contour/goal", contour_goal(not_before=0.5))]
     assert [one.goal for one in asked(ALONE, *goals)] == [7]
     touch, probe, begun = asked(ALONE, *goals, patch(goal=7))
     assert (touch.goal, probe.id, begun.goal, begun.touch) == (7, 7, 0, 0)
     assert (touch.not_before, begun.not_before) == (0.0, 1.0)
-
-
-def test_touch_that_starts_inside_is_repeated_from_farther_off():
     goal, inside = ("/contour/goal", contour_goal()), {"outcome": "inside"}
     first, second, third = asked(ALONE, goal, patch(**inside), patch(1))
     away = [float(np.hypot(*one.pose[:2])) for one in (first, second, third)]
@@ -217,19 +214,10 @@ def test_frames_without_a_surface_end_a_contour(most: int, kind: str):
     outputs = asked(ALONE, ("/contour/goal", contour_goal()), *patches, most_faults=most)
     assert isinstance(outputs[-1], types.TouchGoal) == (kind == "miss")
     if kind == "invalid":
-        assert (outputs[-1].status, outputs[-1].fault, outputs[-1].touches) == (
-            "stuck",
-            "dead",
-            most,
-        )
+        ended = outputs[-1]
+        assert (ended.status, ended.fault, ended.touches) == ("stuck", "dead", most)
     probed = asked(ALONE, ("/probe/goal", probe_goal(id=0)), patch(kind=kind, fault="dead"))
     assert probed[-1].fault == ("dead" if kind == "invalid" else "none")
-
-
-def test_contour_is_given_up_after_most_touches():
-    goal = ("/contour/goal", contour_goal(most_touches=20))
-    *_, (_, contour) = touching([goal], Params(object=BALL), most_touches=10)
-    assert contour.status == "budget" and 10 <= contour.touches <= 11
 
 
 @pytest.mark.parametrize("order", [0, 1])
@@ -239,16 +227,13 @@ def test_patch_that_was_not_asked_for_is_refused(order: int):
         asked(ALONE, ("/probe/goal", probe_goal()), *wrong)
 
 
-@pytest.mark.parametrize(("finger", "most"), [(0, 1), (2, 1), (3, 2)])
-def test_goal_for_a_finger_that_is_not_there_is_refused(finger: int, most: int):
-    several = replace(ALONE, fingers=most)
-    with pytest.raises(ValueError, match=f"goal 0 is for finger {finger}; .* are 1 to {most}"):
-        asked(several, ("/contour/goal", contour_goal(finger=finger)))
-
-
-def test_goal_for_another_finger_is_left_to_it():
+def test_goal_for_another_finger_is_left_to_it_and_for_none_refused():
     several = replace(ALONE, fingers=2, robot=ROBOT_PRESETS["modern"].array)
     for goal in (("/contour/goal", contour_goal(finger=2)), ("/probe/goal", probe_goal(finger=2))):
         assert asked(several, goal) == []
         [touch] = asked(several, goal, finger=2)
         assert touch.finger == 2
+    for finger, most in ((0, 1), (2, 1), (3, 2)):
+        words = f"goal 0 is for finger {finger}; .* are 1 to {most}"
+        with pytest.raises(ValueError, match=words):
+            asked(replace(ALONE, fingers=most), ("/contour/goal", contour_goal(finger=finger)))

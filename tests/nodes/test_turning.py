@@ -11,17 +11,10 @@ import pytest
 from palpate.core.explore import Lying
 from palpate.core.poses import Pose
 from palpate.core.rebuild.contours import ContactPoints
-from palpate.core.rebuild.general import GeneralSolid, rebuild_general
+from palpate.core.rebuild.general import rebuild_general
 from palpate.core.robot_time import ROBOT_PRESETS, MoveGeometry, move_durations
 from palpate.core.shapes import Superquadric
-from palpate.messages.types import (
-    GraspContacts,
-    ShapeModel,
-    TactileFrame,
-    TouchGoal,
-    Turned,
-    TurnGoal,
-)
+from palpate.messages.types import ShapeModel, TouchGoal, TurnGoal
 from palpate.nodes.planning.knowledge import lying_of
 from palpate.nodes.rebuilding.candidates import Placements
 from palpate.nodes.rebuilding.placements import mistaken_error
@@ -44,36 +37,24 @@ def touch(**changes: Any) -> tuple[str, TouchGoal]:
     return "/finger/goal", goal(pose=FROM_ABOVE, reach=0.1, **changes)
 
 
-def test_touch_meets_the_object_as_it_lies_and_says_in_which_placement():
-    outputs = published(touch(), ("/hand/turn", TURN), touch(touch=1, placement=1))
-    before, after = messages_on(outputs, "/touch/raw")
-    [turned] = messages_on(outputs, "/hand/turned")
-    assert (before.placement, after.placement, turned.placement) == (0, 1, 1)
+def test_touch_meets_the_object_as_it_lies_and_waits_for_its_turn():
+    turn, asked = ("/hand/turn", TURN), touch(placement=1)
+    before, after = messages_on(published(touch(), turn, touch(touch=1, placement=1)), "/touch/raw")
     # It stands on its platform 12 mm below its middle, and is 24 mm high, then 40.
     assert before.pose[2] == pytest.approx(0.012 - 1e-3, abs=1e-4)
     assert after.pose[2] == pytest.approx(-0.012 + 0.04 - 1e-3, abs=3e-4)
-    [contacts] = messages_on(
-        published(("/hand/turn", TURN), ("/hand/goal", grasp())), "/hand/contacts"
-    )
-    assert isinstance(contacts, GraspContacts) and contacts.placement == 1
-
-
-def test_touch_of_a_later_placement_waits_for_its_turn_and_order_changes_nothing():
-    first = published(("/hand/turn", TURN), touch(placement=1))
-    second = published(touch(placement=1), ("/hand/turn", TURN))
-    frames, late_frames = (messages_on(found, "/touch/raw") for found in (first, second))
-    assert len(frames) == len(late_frames) == 1 and isinstance(frames[0], TactileFrame)
-    assert frames[0].array == pytest.approx(late_frames[0].array, abs=0.0)
-    assert messages_on(published(touch(placement=1)), "/touch/raw") == []
-
-
-def test_robot_time_of_a_turn_is_that_of_its_moves_and_only_the_first_finger_tells():
-    [turned] = messages_on(published(("/hand/turn", TURN)), "/hand/turned")
-    assert isinstance(turned, Turned) and turned.move[0] == 50.0  # it waited for the decision
+    outputs = published(turn, asked, ("/hand/goal", grasp()))
+    [turned], [contacts] = (messages_on(outputs, f"/hand/{one}") for one in ("turned", "contacts"))
+    placements = [one.placement for one in (before, after, turned, contacts)]
+    assert placements == [0, 1, 1, 1]
+    first, late = (messages_on(one, "/touch/raw") for one in (outputs, published(asked, turn)))
+    assert len(first) == len(late) == 1 and np.array_equal(first[0].array, late[0].array)
+    assert messages_on(published(asked), "/touch/raw") == []
+    assert turned.move[0] == 50.0  # it waited for the decision
     moves = MoveGeometry.of_rows(turned.move[None])
     spent = float(move_durations(moves, ROBOT_PRESETS["modern"]).total()[0])
     assert turned.robot_time == pytest.approx(spent) and spent > 55.0
-    assert published(("/hand/turn", TURN), finger=2, fingers=2) == []
+    assert published(turn, finger=2, fingers=2) == []  # only the first finger tells
 
 
 def model(**changes: Any) -> ShapeModel:
@@ -90,9 +71,8 @@ def test_planner_takes_the_pose_of_the_last_placement_or_says_why_there_is_none(
     assert lying_of(model(), Lying(1, None, is_turning=True)).fault == ""
 
 
-def solid_of(shape: Superquadric) -> GeneralSolid:
-    """A general solid of touches all over."""
-    mesh = shape.mesh(4)
+def test_looking_alike_costs_nothing_unless_later_touches_would_be_misplaced():
+    mesh = Superquadric(np.array([0.028, 0.02, 0.016]), np.array([1.0, 1.0])).mesh(4)
     rng = np.random.default_rng(0)
     chosen = rng.choice(len(mesh.vertices), 60, replace=False)
     away = np.linalg.norm(mesh.vertices - mesh.vertices[chosen][:, None], axis=2)
@@ -103,11 +83,7 @@ def solid_of(shape: Superquadric) -> GeneralSolid:
     parts = [np.flatnonzero(one < 5e-3) for one in away]
     number = np.repeat(np.arange(60, dtype=np.int32), [len(one) for one in parts])
     points = np.concatenate(parts)
-    return rebuild_general(ContactPoints(mesh.vertices[points], normals[points], number))
-
-
-def test_looking_alike_costs_nothing_unless_what_was_touched_since_would_be_misplaced():
-    solid = solid_of(Superquadric(np.array([0.028, 0.02, 0.016]), np.array([1.0, 1.0])))
+    solid = rebuild_general(ContactPoints(mesh.vertices[points], normals[points], number))
     unturned = Pose(np.zeros(3), np.eye(3))
     half_turn = Pose(np.zeros(3), np.diag([-1.0, -1.0, 1.0]))
     quarter = Pose(np.zeros(3), np.array([[0, -1.0, 0], [1.0, 0, 0], [0, 0, 1.0]]))

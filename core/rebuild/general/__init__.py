@@ -1,8 +1,8 @@
 """A solid of any genus from touched points with normals.
 
 `rebuild_general` returns a `GeneralSolid`: topology from a coarse solution, then an implicit spline
-over a narrow band of cells, whose control values lie on a grid. `SPLINES` holds the weights and the
-sizes of cells. It rests on core geometry and the points of `palpate.core.rebuild.contours`.
+over a narrow band of cells, whose control values lie on a grid. `GeneralSettings` holds all that is
+tuned. It rests on core geometry and the points of `palpate.core.rebuild.contours`.
 """
 
 from palpate.core.rebuild.general.edges import (
@@ -21,8 +21,11 @@ from palpate.core.rebuild.general.rebuilding import (
     rebuild_general as rebuild_general,
     tears as tears,
 )
+from palpate.core.rebuild.general.settings import (
+    DEFAULT_GENERAL as DEFAULT_GENERAL,
+    GeneralSettings as GeneralSettings,
+)
 from palpate.core.rebuild.general.solid import (
-    SPLINES as SPLINES,
     GeneralSolid as GeneralSolid,
     protrusions as protrusions,
     touch_squares as touch_squares,

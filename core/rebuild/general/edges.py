@@ -66,9 +66,6 @@ class EdgeSettings:
     move_rounds: int = 3  # steps of vertices onto the solid
 
 
-EDGES = EdgeSettings()
-
-
 class Edges(NamedTuple):
     """Places on edges, and the faces that meet there."""
 
@@ -112,50 +109,52 @@ class Edges(NamedTuple):
         return np.where(of_all, of_two, 2)
 
 
-def find_edges(bent: Floats, points: Floats, normals: Floats) -> Edges | None:
+def find_edges(
+    bent: Floats, points: Floats, normals: Floats, settings: EdgeSettings = EdgeSettings()
+) -> Edges | None:
     """Sharp edges near to places (n, 3) [m] of a strongly bent surface; None if there are none.
 
     `points` [m], `normals` (k, 3): touched points, displaced as they are in the fit.
     """
-    tree, fitted, most = point_tree(points), [], np.arange(1, EDGES.max_points + 1)
-    for place in _thinned(bent):
-        near = np.asarray(tree.query(place, most, distance_upper_bound=EDGES.reach)[1])
+    tree, fitted, most = point_tree(points), [], np.arange(1, settings.max_points + 1)
+    for place in _thinned(bent, settings.spacing):
+        near = np.asarray(tree.query(place, most, distance_upper_bound=settings.reach)[1])
         near = near[near < len(points)]
         faces = [
-            (_paraboloid(points[near][own] - place, mean), points[near][own].mean(axis=0))
-            for own, mean in _side_masks(normals[near])
+            (_paraboloid(points[near][own] - place, mean, settings), points[near][own].mean(axis=0))
+            for own, mean in _side_masks(normals[near], settings)
         ]
         if len(faces) > 1:
             fitted.append(_edge_row(place, faces))
     if not fitted:
         return None
     edges = Edges(*map(np.array, zip(*fitted, strict=True)))
-    return _sharp_ones(edges, points)
+    return _sharp_ones(edges, points, settings)
 
 
-def _thinned(places: Floats) -> Floats:
+def _thinned(places: Floats, spacing: float) -> Floats:
     """One of the places in each cube with an edge of `spacing`."""
-    _, first = np.unique(np.floor(places / EDGES.spacing), axis=0, return_index=True)
+    _, first = np.unique(np.floor(places / spacing), axis=0, return_index=True)
     return places[np.sort(first)]
 
 
-def _side_masks(normals: Floats) -> list[tuple[Bools, Floats]]:
+def _side_masks(normals: Floats, settings: EdgeSettings) -> list[tuple[Bools, Floats]]:
     """Mask (n,) of the points of each face, by their normals (n, 3), and its mean normal.
 
     The face with the most points comes first; no point belongs to two faces.
     """
-    alike = normals @ normals.T > math.cos(EDGES.cone)
+    alike = normals @ normals.T > math.cos(settings.cone)
     left, sides = np.ones(len(normals), np.bool_), list[tuple[Bools, Floats]]()
-    while len(sides) < EDGES.n_faces and left.sum() >= EDGES.min_points:
+    while len(sides) < settings.n_faces and left.sum() >= settings.min_points:
         counts = (alike & left).sum(axis=1) * left
         own, mean = left & alike[counts.argmax()], normals[counts.argmax()]
         for _ in range(3):
             mean = normals[own].mean(axis=0)
             mean = mean / np.linalg.norm(mean)
-            own = left & (normals @ mean > math.cos(EDGES.cone))
-            if own.sum() < EDGES.min_points:
+            own = left & (normals @ mean > math.cos(settings.cone))
+            if own.sum() < settings.min_points:
                 return sides
-        left &= normals @ mean < math.cos(EDGES.apart)
+        left &= normals @ mean < math.cos(settings.apart)
         sides.append((own, mean))
     return sides
 
@@ -165,22 +164,22 @@ class _Face(NamedTuple):
     coefficients: Floats  # (6,)
 
 
-def _paraboloid(points: Floats, normal: Floats) -> _Face:
+def _paraboloid(points: Floats, normal: Floats, settings: EdgeSettings) -> _Face:
     """Paraboloid through points (n, 3) [m] about a normal, weighted by distance from the origin."""
     frame = np.column_stack([*axes_across(normal), normal])
     x, y, z = (points @ frame).T
     terms = np.column_stack([np.ones_like(x), x, y, x * x, x * y, y * y])
-    shares = np.exp(-0.5 * (x * x + y * y) / EDGES.bandwidth**2) / EDGES.point_error
-    curved = 1.0 / EDGES.curvature**2  # [m^2]
+    shares = np.exp(-0.5 * (x * x + y * y) / settings.bandwidth**2) / settings.point_error
+    curved = 1.0 / settings.curvature**2  # [m^2]
     prior = np.diag([1.0, 1.0, 1.0, curved, curved, curved])  # weak: 1 m of height, slope 1
     inlying, coefficients = np.ones(len(z)), np.zeros(6)
-    for _ in range(EDGES.fit_rounds):
+    for _ in range(settings.fit_rounds):
         rows = terms * (shares * inlying)[:, None]
         squares = rows.T @ rows + prior
         coefficients = np.linalg.solve(squares, rows.T @ (z * shares * inlying))
         off = np.abs(z - terms @ coefficients)
-        scale = max(1.48 * float(np.median(off)), EDGES.point_error)
-        inlying = 1.0 / (1.0 + (off / (EDGES.outlier * scale)) ** 2)
+        scale = max(1.48 * float(np.median(off)), settings.point_error)
+        inlying = 1.0 / (1.0 + (off / (settings.outlier * scale)) ** 2)
     return _Face(frame, coefficients)
 
 
@@ -208,136 +207,154 @@ def _edge_row(
     return place, place, frames[order], coefficients[order], ridges
 
 
-def _sharp_ones(edges: Edges, points: Floats) -> Edges | None:
+def _sharp_ones(edges: Edges, points: Floats, settings: EdgeSettings) -> Edges | None:
     """The edges whose faces meet at an angle near to their places, confirmed by touched points."""
     numbers = np.arange(len(edges.places), dtype=np.int32)
     distances, normals = edges.faces_at(numbers, edges.places)
-    pair = _crossing_pair(edges, numbers, distances, normals)
-    creases, angles = _onto_crease(edges, numbers, edges.places, pair)
+    pair = _crossing_pair(edges, numbers, distances, normals, settings.max_fold)
+    creases, angles = _onto_crease(edges, numbers, edges.places, pair, settings)
     shifts = np.linalg.norm(creases - edges.places, axis=1)
-    good = (angles > EDGES.min_angle) & (shifts < EDGES.max_shift)
+    good = (angles > settings.min_angle) & (shifts < settings.max_shift)
     if not good.any():
         return None
     edges, creases, pair = edges.only(good), creases[good], pair[good]
-    counts, confirmed = _confirmed(edges, creases, pair, points)
-    tested = counts >= EDGES.min_tested
-    usual = tested.any() and confirmed[tested].mean() >= EDGES.usual_share
+    counts, confirmed = _confirmed(edges, creases, pair, points, settings)
+    tested = counts >= settings.min_tested
+    usual = tested.any() and confirmed[tested].mean() >= settings.usual_share
     kept = confirmed | (~tested if usual else False)
     if not kept.any():
         return None
     return edges.only(kept)._replace(places=creases[kept])
 
 
-def _confirmed(edges: Edges, creases: Floats, pair: Ints, points: Floats) -> tuple[Ints, Bools]:
+def _confirmed(
+    edges: Edges, creases: Floats, pair: Ints, points: Floats, settings: EdgeSettings
+) -> tuple[Ints, Bools]:
     """Number of points near to each crease (e, 3), and whether they fit the faces there.
 
     `pair` (e, 2): the two faces that meet.
     """
-    near = point_tree(creases).query_ball_tree(point_tree(points), EDGES.tested)
+    near = point_tree(creases).query_ball_tree(point_tree(points), settings.tested)
     counts = np.array([len(indices) for indices in near], np.int32)
     number = np.repeat(np.arange(len(creases), dtype=np.int32), counts)
     beside = points[np.concatenate([np.array(indices, np.int64) for indices in near])]
     distances, rows = edges.faces_at(number, beside)[0], np.arange(len(number))
-    fits = np.abs(distances[rows, edges.active(number, distances)]) < EDGES.fits
-    confirmed = np.bincount(number, fits, len(creases)) >= EDGES.min_share * counts
+    fits = np.abs(distances[rows, edges.active(number, distances)]) < settings.fits
+    confirmed = np.bincount(number, fits, len(creases)) >= settings.min_share * counts
     for own, other in ((0, 1), (1, 0)):
-        on_face = np.abs(distances[rows, pair[number, own]]) < EDGES.fits
-        close = np.abs(distances[rows, pair[number, other]]) < EDGES.beside
-        confirmed &= np.bincount(number, on_face & close, len(creases)) >= EDGES.min_beside
+        on_face = np.abs(distances[rows, pair[number, own]]) < settings.fits
+        close = np.abs(distances[rows, pair[number, other]]) < settings.beside
+        confirmed &= np.bincount(number, on_face & close, len(creases)) >= settings.min_beside
     return counts, confirmed
 
 
-def _crossing_pair(edges: Edges, which: Ints, distances: Floats, normals: Floats) -> Ints:
+def _crossing_pair(
+    edges: Edges, which: Ints, distances: Floats, normals: Floats, max_fold: float
+) -> Ints:
     """Numbers (n, 2) of the active face at places, and of the nearest face that differs from it."""
     rows = np.arange(len(which))
     active = edges.active(which, distances)
-    alike = np.einsum("nfi,ni->nf", normals, normals[rows, active]) > math.cos(EDGES.max_fold)
+    alike = np.einsum("nfi,ni->nf", normals, normals[rows, active]) > math.cos(max_fold)
     other = np.where(alike, np.inf, np.abs(distances)).argmin(axis=1)
     return np.column_stack([active, other]).astype(np.int32)
 
 
-def _onto_crease(edges: Edges, which: Ints, places: Floats, pair: Ints) -> tuple[Floats, Floats]:
+def _onto_crease(
+    edges: Edges, which: Ints, places: Floats, pair: Ints, settings: EdgeSettings
+) -> tuple[Floats, Floats]:
     """Places (n, 3) moved to where two faces (n, 2) meet, and the angles (n,) at which they do."""
     rows = np.arange(len(which))[:, None]
-    for _ in range(EDGES.crease_rounds):
+    for _ in range(settings.crease_rounds):
         distances, normals = edges.faces_at(which, places)
         both, across = distances[rows, pair], normals[rows, pair]
-        places = places - _newton_step(both, across)
+        places = places - _newton_step(both, across, settings.reach)
     cosines = np.einsum("ni,ni->n", across[:, 0], across[:, 1])
     return places, np.arccos(np.clip(cosines, -1.0, 1.0))
 
 
-def _newton_step(distances: Floats, normals: Floats) -> Floats:
-    """Step to subtract from places (n, 3) at distances (n, k) from k faces, to lie on all."""
+def _newton_step(distances: Floats, normals: Floats, max_shift: float) -> Floats:
+    """Step to subtract from places (n, 3) at distances (n, k) from k faces, to lie on all.
+
+    Each coordinate of the step is at most `max_shift` [m].
+    """
     square = np.einsum("nai,nbi->nab", normals, normals) + 1e-6 * np.eye(normals.shape[1])
     shares = np.linalg.solve(square, distances[..., None])[..., 0]
     step = np.einsum("nai,na->ni", normals, shares)
-    return np.asarray(np.clip(step, -EDGES.reach, EDGES.reach), np.float64)
+    return np.asarray(np.clip(step, -max_shift, max_shift), np.float64)
 
 
-def sharpened(edges: Edges, vertices: Floats, faces: Ints) -> Floats:
+def sharpened(
+    edges: Edges, vertices: Floats, faces: Ints, settings: EdgeSettings = EdgeSettings()
+) -> Floats:
     """Vertices (n, 3) of a mesh, those near to edges moved onto the faces that meet there [m]."""
-    ranks = np.arange(1, min(EDGES.n_blended, len(edges.places)) + 1)
+    ranks = np.arange(1, min(settings.n_blended, len(edges.places)) + 1)
     nearest_edges = scipy.spatial.cKDTree(edges.places).query(vertices, ranks)
     away, which = np.asarray(nearest_edges[0], np.float64), np.asarray(nearest_edges[1], np.int32)
-    near = np.flatnonzero(away[:, 0] < EDGES.kept).astype(np.int32)
+    near = np.flatnonzero(away[:, 0] < settings.kept).astype(np.int32)
     if not len(near):
         return vertices
     away, which = away[near], which[near]
-    shares = np.exp(-0.5 * (away / EDGES.spacing) ** 2) + np.finfo(float).tiny
+    shares = np.exp(-0.5 * (away / settings.spacing) ** 2) + np.finfo(float).tiny
     shares /= shares.sum(axis=1, keepdims=True)
     places = vertices[near]
-    for _ in range(EDGES.move_rounds):
+    for _ in range(settings.move_rounds):
         step = np.zeros_like(places)
         for numbers, share in zip(which.T, shares.T, strict=True):
             distances, normals = edges.faces_at(numbers, places)
             rows = np.arange(len(numbers)), edges.active(numbers, distances)
             step += (share * distances[rows])[:, None] * normals[rows]
         places = places - step
-    places = _snapped(edges, vertices, faces, near, which[:, 0], places)
-    corners = _corners(edges)
+    places = _snapped(edges, vertices, faces, near, which[:, 0], places, settings)
+    corners = _corners(edges, settings)
     if len(corners):
         ways, nearest = map(np.asarray, scipy.spatial.cKDTree(places).query(corners))
-        close = ways < EDGES.spacing
+        close = ways < settings.spacing
         places[nearest[close]] = corners[close]
     shift = places - vertices[near]
-    fading = np.clip((EDGES.kept - away[:, 0]) / (EDGES.kept - EDGES.moved), 0.0, 1.0)
-    fading[np.linalg.norm(shift, axis=1) > EDGES.max_shift] = 0.0
+    fading = np.clip((settings.kept - away[:, 0]) / (settings.kept - settings.moved), 0.0, 1.0)
+    fading[np.linalg.norm(shift, axis=1) > settings.max_shift] = 0.0
     moved = vertices.copy()
     moved[near] += fading[:, None] * shift
     return moved
 
 
-def _corners(edges: Edges) -> Floats:
+def _corners(edges: Edges, settings: EdgeSettings) -> Floats:
     """Where three faces meet near to an edge, (c, 3) [m]."""
     numbers, places = np.arange(len(edges.places), dtype=np.int32), edges.places
-    for _ in range(EDGES.crease_rounds):
+    for _ in range(settings.crease_rounds):
         distances, normals = edges.faces_at(numbers, places)
-        places = places - _newton_step(distances, normals)
+        places = places - _newton_step(distances, normals, settings.reach)
     cosines = np.einsum("nai,nai->na", normals, np.roll(normals, 1, axis=1))
-    good = (cosines < math.cos(EDGES.min_angle)).all(axis=1)
-    return _thinned(places[good & (np.linalg.norm(places - edges.places, axis=1) < EDGES.moved)])
+    good = (cosines < math.cos(settings.min_angle)).all(axis=1)
+    good &= np.linalg.norm(places - edges.places, axis=1) < settings.moved
+    return _thinned(places[good], settings.spacing)
 
 
 def _snapped(
-    edges: Edges, vertices: Floats, faces: Ints, near: Ints, which: Ints, places: Floats
+    edges: Edges,
+    vertices: Floats,
+    faces: Ints,
+    near: Ints,
+    which: Ints,
+    places: Floats,
+    settings: EdgeSettings,
 ) -> Floats:
     """Places (k, 3) of the vertices `near`; of each side across an edge, one end is put on it."""
     distances, normals = edges.faces_at(which, places)
-    pair = _crossing_pair(edges, which, distances, normals)
+    pair = _crossing_pair(edges, which, distances, normals, settings.max_fold)
     facing = normals[np.arange(len(which)), pair[:, 0]]
     number = np.full(len(vertices), -1, np.int64)
     number[near] = np.arange(len(near))
     sides = number[np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])]
     first, second = sides[(sides >= 0).all(axis=1)].T
-    across = np.einsum("ni,ni->n", facing[first], facing[second]) < math.cos(EDGES.max_fold)
+    across = np.einsum("ni,ni->n", facing[first], facing[second]) < math.cos(settings.max_fold)
     first, second = first[across], second[across]
-    creases, angles = _onto_crease(edges, which, places, pair)
+    creases, angles = _onto_crease(edges, which, places, pair, settings)
     ways = np.linalg.norm(creases - places, axis=1)
-    ways[angles < EDGES.min_angle] = np.inf
+    ways[angles < settings.min_angle] = np.inf
     nearer = np.where(ways[first] < ways[second], first, second)
     length = np.linalg.norm(places[first] - places[second], axis=1)
-    snapped = np.unique(nearer[ways[nearer] < EDGES.max_way * length])
+    snapped = np.unique(nearer[ways[nearer] < settings.max_way * length])
     places = places.copy()
     places[snapped] = creases[snapped]
     return places

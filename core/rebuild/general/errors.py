@@ -22,7 +22,7 @@ smoother than the prior, and errors grow less with the distance from touched poi
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import scipy
@@ -38,7 +38,12 @@ from palpate.core.rebuild.general.fitting import (
     TouchedPoints,
     touch_middles,
 )
-from palpate.core.rebuild.general.leave_out import LeftOut, leave_out, solved_exactly
+from palpate.core.rebuild.general.leave_out import (
+    LeaveOutSettings,
+    LeftOut,
+    leave_out,
+    solved_exactly,
+)
 from palpate.reprs import readable
 
 
@@ -79,9 +84,9 @@ class ErrorSettings:
     # it (balls, tori) errors far from touched points are half of those with all of it.
     usual_calibration: float = 0.6
     prior_touches: float = 8.0  # touches left out that the usual calibration counts as
+    leave_out: LeaveOutSettings = field(default=LeaveOutSettings())
 
 
-ERRORS = ErrorSettings()
 CHI_SQUARE_MEDIAN = 0.4549364  # Of one degree of freedom
 
 
@@ -99,25 +104,28 @@ class SurfaceErrors:
     calibration: float  # Squared errors over those that the fit expects
     calibrated: int  # Number of touches when that was measured
 
-    def at(self, places: Floats, distances: Floats) -> tuple[Floats, Floats]:
+    def at(
+        self, places: Floats, distances: Floats, settings: ErrorSettings = ErrorSettings()
+    ) -> tuple[Floats, Floats]:
         """Expected errors (n,) at places (n, 3) at distances (n,), and their bounds of 95 %."""
         bends = self.bends[scipy.spatial.cKDTree(self.places).query(places)[1]]
-        beyond = ERRORS.growth * np.maximum(distances - self.distances[-1], 0.0)
+        beyond = settings.growth * np.maximum(distances - self.distances[-1], 0.0)
         errors = np.interp(distances, self.distances, self.errors) + beyond
-        errors = np.hypot(errors * np.sqrt(bend_factors(bends)), self.common * _edge_factors(bends))
-        opened = np.maximum(distances - ERRORS.open_distance, 0.0) / ERRORS.open_growth
-        factors = ERRORS.bound_factor * np.minimum(1.0 + opened, ERRORS.max_open_factor)
+        common = self.common * _edge_factors(bends, settings)
+        errors = np.hypot(errors * np.sqrt(bend_factors(bends, settings.bend_weight)), common)
+        opened = np.maximum(distances - settings.open_distance, 0.0) / settings.open_growth
+        factors = settings.bound_factor * np.minimum(1.0 + opened, settings.max_open_factor)
         return errors, factors * errors
 
 
-def bend_factors(bends: Floats) -> Floats:
+def bend_factors(bends: Floats, weight: float) -> Floats:
     """Ratios (n,) of squared errors at bends (n,) [rad] to those where the surface is flat."""
-    return np.asarray(1.0 + (ERRORS.bend_weight * bends) ** 2)
+    return np.asarray(1.0 + (weight * bends) ** 2)
 
 
-def _edge_factors(bends: Floats) -> Floats:
+def _edge_factors(bends: Floats, settings: ErrorSettings) -> Floats:
     """Factors (n,) of the common error at places with these bends (n,) [rad]."""
-    return np.asarray(np.interp(bends, ERRORS.edge_bends, (1.0, ERRORS.edge_factor)))
+    return np.asarray(np.interp(bends, settings.edge_bends, (1.0, settings.edge_factor)))
 
 
 def touch_distances(contacts: ContactPoints, places: Floats) -> Floats:
@@ -126,30 +134,32 @@ def touch_distances(contacts: ContactPoints, places: Floats) -> Floats:
 
 
 def surface_errors(
-    fitted: Fitted, before: SurfaceErrors | None = None
+    fitted: Fitted,
+    before: SurfaceErrors | None = None,
+    settings: ErrorSettings = ErrorSettings(),
 ) -> tuple[ImplicitFit, SurfaceErrors]:
     """The fit, solved exactly, and its expected errors, calibrated by touches left out [m].
 
     `before`: errors of a fit of most of these touches; its calibration is kept if it still holds.
     """
     cell, solution = fitted.spline.cell, fitted.solution
-    reach = ERRORS.bend_reach / cell
     count = len(fitted.spline.fit.displacements)
-    if before is None or count > ERRORS.calibrated_growth * before.calibrated:
-        left = leave_out(solution, count=int(fitted.points.touch.max()) + 1)
+    if before is None or count > settings.calibrated_growth * before.calibrated:
+        left = leave_out(solution, settings.leave_out, int(fitted.points.touch.max()) + 1)
         solution, covariance = left.solution, left.covariance
         touched = touch_middles(fitted.points.places, fitted.points.touch)[left.touches]
-        scale = calibration(left, bend_factors(surface_bends(solution.fit, touched, reach)))
+        touched_bends = surface_bends(solution.fit, touched, cell, settings)
+        scale = calibration(left, bend_factors(touched_bends, settings.bend_weight), settings)
         held_out = cell * float(np.sqrt(left.squares.mean()))
     else:
-        solution, covariance = solved_exactly(solution)
+        solution, covariance = solved_exactly(solution, settings.leave_out)
         scale, held_out, count = before.calibration, before.held_out, before.calibrated
-    places = _surface_places(solution.fit)
-    bends = surface_bends(solution.fit, places, reach)
+    places = _surface_places(solution.fit, settings)
+    bends = surface_bends(solution.fit, places, cell, settings)
     distances = np.asarray(scipy.spatial.cKDTree(fitted.points.places).query(places)[0])
-    variances = scale * _variances(solution, covariance, places)
-    middles, errors = _by_distance(distances, variances, cell)
-    errors = _with_calibrated_growth(errors, scale)
+    variances = scale * _variances(solution, covariance, places, settings)
+    middles, errors = _by_distance(distances, variances, cell, settings)
+    errors = _with_calibrated_growth(errors, scale / settings.usual_calibration)
     alone = solution.fit.displacements
     if fitted.shared is not None:
         alone = fitted.shared.without(alone)
@@ -166,37 +176,40 @@ def _common_error(displacements: Floats, points: TouchedPoints, pose: float) -> 
     return float(np.sqrt(max(float(np.mean(means**2)) - pose**2, 0.0)))
 
 
-def _by_distance(distances: Floats, variances: Floats, cell: float) -> tuple[Floats, Floats]:
+def _by_distance(
+    distances: Floats, variances: Floats, cell: float, settings: ErrorSettings
+) -> tuple[Floats, Floats]:
     """Mean distance of each class and the largest of all, (k,), and errors there, (k,) [cells]."""
     # Far from touched points the spline is free, but an object departs no faster than `growth`.
-    touched = float(np.median(variances[distances <= max(ERRORS.near, float(distances.min()))]))
-    variances = np.minimum(variances, (np.sqrt(touched) + ERRORS.growth * distances) ** 2)
-    classes = np.digitize(distances, ERRORS.class_borders) - 1
+    touched = float(np.median(variances[distances <= max(settings.near, float(distances.min()))]))
+    variances = np.minimum(variances, (np.sqrt(touched) + settings.growth * distances) ** 2)
+    classes = np.digitize(distances, settings.class_borders) - 1
     members = [classes == number for number in np.unique(classes)]
     middles = [*(distances[here].mean() for here in members), distances.max()]
     means = [variances[here].mean() for here in members]
     rising = np.maximum.accumulate([*means, means[-1]])
-    return np.array(middles), np.sqrt(rising + (ERRORS.min_error / cell) ** 2)
+    return np.array(middles), np.sqrt(rising + (settings.min_error / cell) ** 2)
 
 
-def _with_calibrated_growth(errors: Floats, scale: float) -> Floats:
-    """Errors by distance, whose growth is reduced where `scale` is below the usual calibration."""
-    growing = min(scale / ERRORS.usual_calibration, 1.0)
+def _with_calibrated_growth(errors: Floats, ratio: float) -> Floats:
+    """Errors by distance, whose growth is reduced if calibration over the usual one is below 1."""
+    growing = min(ratio, 1.0)
     return np.asarray(np.sqrt(errors[0] ** 2 + growing * (errors**2 - errors[0] ** 2)))
 
 
-def surface_bends(fit: ImplicitFit, places: Floats, reach: float) -> Floats:
-    """Largest angle (n,) between the normals at places (n, 3) and `reach` beside them, cells; rad.
+def surface_bends(fit: ImplicitFit, places: Floats, cell: float, settings: ErrorSettings) -> Floats:
+    """Largest angle (n,) between the normals at places (n, 3) and `bend_reach` beside them [rad].
 
-    Where the band ends nothing is known of it, which counts as flat.
+    Places are in cells of an edge `cell` [m]. Where the band ends nothing is known of the surface,
+    which counts as flat.
     """
-    bends = np.zeros(len(places))
+    bends, reach = np.zeros(len(places)), settings.bend_reach / cell
     normals = _unit_gradients(fit, places)
     known = np.isfinite(normals).all(axis=1)
     places, normals = places[known], normals[known]
     axes = axes_across(normals)
     least = np.ones(len(places))  # cosine
-    for turn in np.linspace(0.0, 2.0 * np.pi, ERRORS.n_bend_directions, endpoint=False):
+    for turn in np.linspace(0.0, 2.0 * np.pi, settings.n_bend_directions, endpoint=False):
         beside = places + reach * (np.cos(turn) * axes[:, 0] + np.sin(turn) * axes[:, 1])
         there = _unit_gradients(fit, beside)
         least = np.fmin(least, np.einsum("ni,ni->n", normals, there))
@@ -210,7 +223,7 @@ def _unit_gradients(fit: ImplicitFit, places: Floats) -> Floats:
     return np.asarray(gradient / np.linalg.norm(gradient, axis=1, keepdims=True))
 
 
-def calibration(left: LeftOut, factors: Floats) -> float:
+def calibration(left: LeftOut, factors: Floats, settings: ErrorSettings) -> float:
     """Ratio of squared errors to those that a fit expects, from the touches that were left out.
 
     A ratio below the usual one may be chance: it is averaged with the usual one, as with a
@@ -218,45 +231,47 @@ def calibration(left: LeftOut, factors: Floats) -> float:
     """
     ratios = left.squares / (factors * left.expected)
     median = float(np.median(ratios)) / CHI_SQUARE_MEDIAN
-    measured = max(median, float(np.minimum(ratios, ERRORS.max_ratio).mean()))
-    known = len(ratios) / (len(ratios) + ERRORS.prior_touches)
-    return max(measured, known * measured + (1.0 - known) * ERRORS.usual_calibration)
+    measured = max(median, float(np.minimum(ratios, settings.max_ratio).mean()))
+    known = len(ratios) / (len(ratios) + settings.prior_touches)
+    return max(measured, known * measured + (1.0 - known) * settings.usual_calibration)
 
 
-def _surface_places(fit: ImplicitFit) -> Floats:
+def _surface_places(fit: ImplicitFit, settings: ErrorSettings) -> Floats:
     """Places (n, 3) on the surface [cells], each projected from the middle of a cell near to it."""
     places = np.asarray(fit.band.cells + 0.5, np.float64)
     for _ in range(2):
         value, gradient = fit.band.evaluate(fit.control, places)
-        square = np.maximum((gradient**2).sum(axis=1), ERRORS.min_slope**2)
+        square = np.maximum((gradient**2).sum(axis=1), settings.min_slope**2)
         places = np.asarray(places - (value / square)[:, None] * gradient)
         places = places[np.isfinite(places).all(axis=1)]
-    reached = np.abs(fit.band.evaluate(fit.control, places)[0]) < ERRORS.max_value
+    reached = np.abs(fit.band.evaluate(fit.control, places)[0]) < settings.max_value
     return places[reached]
 
 
-def _variances(solution: Solution, covariance: Floats, places: Floats) -> Floats:
+def _variances(
+    solution: Solution, covariance: Floats, places: Floats, settings: ErrorSettings
+) -> Floats:
     """Variance (n,) of the surface at places (n, 3) on it [cells^2], over random draws."""
     band, control = solution.fit.band, solution.fit.control
-    draws = _draws(solution, covariance)
+    draws = _draws(solution, covariance, settings.n_draws)
     gradient = band.evaluate(control, places)[1]
-    slope = np.maximum(np.linalg.norm(gradient, axis=1), ERRORS.min_slope)
+    slope = np.maximum(np.linalg.norm(gradient, axis=1), settings.min_slope)
     number, offsets = band.locate(places)
     variances = np.empty(len(places))
-    for begin in range(0, len(places), ERRORS.n_places):
-        some = slice(begin, begin + ERRORS.n_places)
+    for begin in range(0, len(places), settings.n_places):
+        some = slice(begin, begin + settings.n_places)
         rows = basis_values(offsets[some])
         values = np.einsum("kl,kld->kd", rows, draws[band.local[number[some]]])
         variances[some] = np.square(values).mean(axis=1)
     return np.asarray(variances / slope**2)
 
 
-def _draws(solution: Solution, covariance: Floats) -> Floats:
-    """Draws (n, d) of control values about the fit, with displacements of this covariance.
+def _draws(solution: Solution, covariance: Floats, count: int) -> Floats:
+    """Draws (n, `count`) of control values about the fit, with displacements of this covariance.
 
     With an empty covariance, displacements are those of the fit.
     """
-    rng, count = np.random.default_rng(0), ERRORS.n_draws
+    rng = np.random.default_rng(0)
     if not len(covariance):
         return solution.factor.draws(rng.normal(size=(len(solution.right), count)))
     symmetric = 0.5 * (covariance + covariance.T)

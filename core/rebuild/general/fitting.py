@@ -62,9 +62,6 @@ class FitSettings:
     min_slope: float = 0.3  # least norm of a gradient by which a value is divided for a distance
 
 
-FITS = FitSettings()
-
-
 @readable
 class Weights(NamedTuple):
     """Standard deviations and weights of the energy's terms; lengths in cells."""
@@ -144,10 +141,13 @@ class Spline(NamedTuple):
     cell: float  # Edge of a cell, m
     fit: ImplicitFit
 
-    def distances(self, places: Floats) -> Floats:
-        """Signed distances (n,) [m] to first order, of places (n, 3) from the origin; or NaN."""
+    def distances(self, places: Floats, min_slope: float) -> Floats:
+        """Signed distances (n,) [m] to first order, of places (n, 3) from the origin; or NaN.
+
+        `min_slope`: least norm of a gradient by which a value is divided.
+        """
         value, gradient = self.fit.band.evaluate(self.fit.control, places / self.cell)
-        slope = np.maximum(np.linalg.norm(gradient, axis=1), FITS.min_slope)
+        slope = np.maximum(np.linalg.norm(gradient, axis=1), min_slope)
         return np.asarray(self.cell * value / slope)
 
 
@@ -221,6 +221,7 @@ class CellBlocks(NamedTuple):
     scale: Floats  # Factors of their rows, of value and gradient, (4, k)
     cell: Ints  # Cell of each point, ascending, (k,)
     regular: Floats  # Part of each block without points: penalties, (64, 64)
+    n_rows: int  # Points whose rows are computed at a time
 
     def of(self, cells: Longs) -> Floats:
         """The blocks of some cells, (c, 64, 64)."""
@@ -242,7 +243,7 @@ class CellBlocks(NamedTuple):
         ends = np.append(np.flatnonzero(np.diff(self.cell)) + 1, len(self.cell))
         begin = 0
         while begin < len(self.cell):  # some cells at a time
-            beyond = int(np.searchsorted(ends, begin + FITS.n_rows))
+            beyond = int(np.searchsorted(ends, begin + self.n_rows))
             end = int(ends[min(beyond, len(ends) - 1)])
             starts = np.flatnonzero(np.diff(self.cell[begin:end], prepend=-1))
             squares = (self._weighed(np.arange(begin, end)) ** 2).sum(axis=0)
@@ -264,8 +265,9 @@ class Equations:
         points: TouchedPoints,
         weights: Weights,
         count: int,
-        dissection: Dissection | None = None,
-        shared: SharedMotions | None = None,
+        dissection: Dissection | None,
+        shared: SharedMotions | None,
+        n_rows: int,
     ):
         self.shared_roots = np.zeros((3 * count, 0)) if shared is None else shared.roots()
         if dissection is None:
@@ -275,6 +277,7 @@ class Equations:
         self.inside = np.flatnonzero(number >= 0)
         order = self.inside[np.argsort(number[self.inside], kind="stable")]
         self.order, self.band, self.scale, self.count = order, band, weights, count
+        self.n_rows = n_rows
         self.cell = number[order]
         self.normals, self.touch = points.normals[order], points.touch[order]
         self.offsets = offsets[order]
@@ -297,14 +300,15 @@ class Equations:
         `shares` (k,) are factors of the points' rows.
         """
         scale = np.array([self.scale.point, *[self.scale.normal] * 3])
-        return CellBlocks(self.offsets, shares / scale[:, None], self.cell, regular)
+        rows = shares / scale[:, None]
+        return CellBlocks(self.offsets, rows, self.cell, regular, self.n_rows)
 
     def right_side(self, shares: Floats) -> Floats:
         """Part (n,) of the right-hand side by the normals, which are targets of the gradients."""
         asked = ((shares / self.scale.normal) ** 2)[:, None] * self.normals
         right = np.zeros(len(self.band.control))
-        for begin in range(0, len(self.cell), FITS.n_rows):
-            some = slice(begin, begin + FITS.n_rows)
+        for begin in range(0, len(self.cell), self.n_rows):
+            some = slice(begin, begin + self.n_rows)
             sums = np.einsum("akl,ka->kl", basis_rows(self.offsets[some])[1:], asked[some])
             local = self.band.local[self.cell[some]]
             right += np.bincount(local.ravel(), sums.ravel(), len(right))
@@ -329,6 +333,7 @@ def fit_implicit(
     start: Start,
     dissection: Dissection | None = None,
     shared: SharedMotions | None = None,
+    settings: FitSettings = FitSettings(),
 ) -> Solution:
     """The spline over a band; points outside it have no weight.
 
@@ -336,7 +341,8 @@ def fit_implicit(
     of points and first guess of displacements. `dissection`: of the band, if known. `shared`:
     motions that touches share beside their own displacements.
     """
-    equations = Equations(band, points, weights, len(start.displacements), dissection, shared)
+    count = len(start.displacements)
+    equations = Equations(band, points, weights, count, dissection, shared, settings.n_rows)
     third, mass = cell_integrals()
     regular = weights.variation * third + weights.anchor * mass
     pulled = np.zeros(len(band.control))
@@ -344,7 +350,7 @@ def fit_implicit(
     shares = start.weights[equations.order]
     factor = factorise(equations.dissection, equations.blocks(shares, regular))
     right = equations.right_side(shares) + pulled
-    control, moved = _solve(equations, factor, shares, right, start.displacements)
+    control, moved = _solve(equations, factor, shares, right, start.displacements, settings)
     fit = with_residuals(equations, len(points.places), control, moved)
     return Solution(fit, equations, factor, shares, right)
 
@@ -373,7 +379,12 @@ def touch_blocks(equations: Equations, shares: Floats) -> Floats:
 
 
 def _solve(
-    equations: Equations, factor: Factor, shares: Floats, right: Floats, start: Floats
+    equations: Equations,
+    factor: Factor,
+    shares: Floats,
+    right: Floats,
+    start: Floats,
+    settings: FitSettings,
 ) -> tuple[Floats, Floats]:
     """Control values (n,) and displacements (t, 3) of least energy."""
     alone = factor.solve(right)
@@ -398,20 +409,24 @@ def _solve(
         alone = np.einsum("tij,tj->ti", own, displacements)
         return np.asarray(alone - through - together.reshape(-1, 3))
 
-    moved = conjugate_gradients(apply, -to_touches(alone), inverse, start)
+    moved = conjugate_gradients(apply, -to_touches(alone), inverse, start, settings)
     return alone - factor.solve(to_control(moved)), moved
 
 
 def conjugate_gradients(
-    apply: Callable[[Floats], Floats], right: Floats, inverse: Floats, start: Floats
+    apply: Callable[[Floats], Floats],
+    right: Floats,
+    inverse: Floats,
+    start: Floats,
+    settings: FitSettings,
 ) -> Floats:
     """Displacements (t, 3) that solve a system, preconditioned by the blocks' `inverse`."""
     solution = start
     residual = right - apply(solution) if start.any() else right
     turned = np.einsum("tij,tj->ti", inverse, residual)
     direction, product = turned, float((residual * turned).sum())
-    enough = FITS.residual**2 * float((right * np.einsum("tij,tj->ti", inverse, right)).sum())
-    for _ in range(FITS.max_steps):
+    enough = settings.residual**2 * float((right * np.einsum("tij,tj->ti", inverse, right)).sum())
+    for _ in range(settings.max_steps):
         if product <= enough:
             break
         image = apply(direction)

@@ -42,9 +42,6 @@ class LeaveOutSettings:
     max_displaced: int = 1000
 
 
-LEAVING_OUT = LeaveOutSettings()
-
-
 class LeftOut(NamedTuple):
     """A fit, solved exactly, and what it predicts of touches that are left out."""
 
@@ -56,7 +53,7 @@ class LeftOut(NamedTuple):
 
 
 def solved_exactly(
-    solution: Solution, settings: LeaveOutSettings = LEAVING_OUT
+    solution: Solution, settings: LeaveOutSettings = LeaveOutSettings()
 ) -> tuple[Solution, Floats]:
     """The solution without the error of conjugate gradients, and the displacements' covariance.
 
@@ -70,7 +67,7 @@ def solved_exactly(
 
 
 def leave_out(
-    solution: Solution, settings: LeaveOutSettings = LEAVING_OUT, count: int | None = None
+    solution: Solution, settings: LeaveOutSettings = LeaveOutSettings(), count: int | None = None
 ) -> LeftOut:
     """Leave out as many touches as `settings` ask for, each in turn.
 

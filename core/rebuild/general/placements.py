@@ -28,11 +28,12 @@ class MotionSettings:
     least_pose: float = 2.0e-6  # [m] least pose error of a touch: exact poses have this one
 
 
-MOTIONS = MotionSettings()
-
-
 def shared_motions(
-    points: TouchedPoints, placement: Ints, cell: float, pose: float
+    points: TouchedPoints,
+    placement: Ints,
+    cell: float,
+    pose: float,
+    settings: MotionSettings = MotionSettings(),
 ) -> SharedMotions | None:
     """The motions of later placements, shared by their touches; None if all are of the first.
 
@@ -54,12 +55,17 @@ def shared_motions(
         first = 6 * (number - 1)
         for axis in range(3):
             unit = np.eye(3)[axis]
-            columns[own, :, first + axis] = MOTIONS.turn * np.cross(unit, away)
-            columns[own, :, first + 3 + axis] = MOTIONS.shift / cell * unit
+            columns[own, :, first + axis] = settings.turn * np.cross(unit, away)
+            columns[own, :, first + 3 + axis] = settings.shift / cell * unit
     return SharedMotions(columns.reshape(3 * count, -1), pose / cell)
 
 
-def found_motions(contacts: ContactPoints, placement: Ints, unknowns: Floats) -> tuple[Pose, ...]:
+def found_motions(
+    contacts: ContactPoints,
+    placement: Ints,
+    unknowns: Floats,
+    settings: MotionSettings = MotionSettings(),
+) -> tuple[Pose, ...]:
     """The rigid motion of each later placement that moves its touches onto the others.
 
     `unknowns` (6 p,): the fitted turns and shifts, over their prior standard deviations.
@@ -70,6 +76,6 @@ def found_motions(contacts: ContactPoints, placement: Ints, unknowns: Floats) ->
     for number, unknown in enumerate(unknowns.reshape(-1, 6), 1):
         own = middles[of_touch == number]
         middle = own.mean(axis=0) if len(own) else np.zeros(3)
-        turn = rotations_from_vectors(MOTIONS.turn * unknown[None, :3])[0]
-        motions.append(Pose(middle + MOTIONS.shift * unknown[3:] - turn @ middle, turn))
+        turn = rotations_from_vectors(settings.turn * unknown[None, :3])[0]
+        motions.append(Pose(middle + settings.shift * unknown[3:] - turn @ middle, turn))
     return tuple(motions)

@@ -8,7 +8,7 @@ thin walls are torn (the solid has holes), it is fitted anew with cells as small
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -18,7 +18,6 @@ from numpy.typing import ArrayLike
 from palpate.core.arrays import Bools, Floats, Ints, check_extent, finite_array, positive
 from palpate.core.geometry import linked_groups
 from palpate.core.rebuild.contours import ContactPoints, checked_contacts
-from palpate.core.rebuild.general import solid
 from palpate.core.rebuild.general.band import basis_values, make_band
 from palpate.core.rebuild.general.dissection import dissect
 from palpate.core.rebuild.general.errors import surface_errors
@@ -32,7 +31,15 @@ from palpate.core.rebuild.general.fitting import (
     plain_start,
 )
 from palpate.core.rebuild.general.orientation import oriented
-from palpate.core.rebuild.general.placements import MOTIONS, found_motions, shared_motions
+from palpate.core.rebuild.general.placements import found_motions, shared_motions
+from palpate.core.rebuild.general.settings import (
+    DEFAULT_GENERAL,
+    GeneralSettings,
+    GridSettings,
+    SamplingSettings,
+    WideningSettings,
+)
+from palpate.core.rebuild.general.solid import GeneralSolid, cell_weights
 from palpate.core.rebuild.general.topology import CoarseSolid, coarse_solid
 from palpate.core.rebuild.general.walls import wall_cell
 from palpate.core.shapes import Mesh
@@ -41,76 +48,28 @@ from palpate.core.steps import Steps, no_steps
 CUBE = np.moveaxis(np.indices((2, 2, 2)), 0, -1).reshape(-1, 3).astype(float)  # Its corners
 
 
-class GridSettings(NamedTuple):
-    """How large objects may be, and how fine their grids: so that a fit stays within 0.4 GB.
-
-    The factor of a bottle's band of 11,000 cells takes 0.36 GB, that of a ball of 51,000 2.3 GB.
-    """
-
-    max_extent: float = 1.0  # [m] of all points
-    max_cells: int = 5_000  # of a spline's band; larger takes more memory and time
-    max_wall_cells: int = 12_000  # of a band whose cells are small because walls are thin
-    small_cell: float = 0.9  # fraction of the requested edge; smaller cells were made for walls
-    more_touches: float = 1.25  # ratio of touches, after which a draft tries such cells again
-    cells_per_square: float = 2.0  # expected cells of a band, per area of surface in cells^2
-    max_voxels: float = 1.5e6  # of the coarse solid, without its padding
-    excess: float = 1.15  # ratio of cells to `max_cells` that a fit still accepts
-    dense: float = 12.0e-3  # [m] mean spacing of touches, below which drafts take final cells
-    max_points: int = 30_000  # touched points; of more, every n-th point of a touch is used
-    max_hull_points: int = 5_000  # used for the area of the hull
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BandSettings:
-    """Which cells the spline covers; lengths in cells."""
-
-    width: float = 1.0  # [cells] on both sides of the estimated surface; larger costs more
-    foot: float = 0.5  # [cells] over the lowest touches; the band has all inner cells below
-    lowest: float = 0.5  # [%] percentile of the points' heights that is the lowest touches' height
-    searched: float = 4.0  # [cells] from the coarse surface, where an earlier spline is evaluated
-    # An earlier spline's surface is given up where it is farther outside the coarse solid, and
-    # farther from touched points, than this: a lid over a hollow that a finger entered since.
-    outside: float = 1.0  # [cells]
-    untouched: float = 2.0  # [cells]
-    lacked: float = 3.0  # [cells] from an earlier band, beyond which the coarse solid is used
-
-
-BANDS = BandSettings()
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SamplingSettings:
-    """Voxels of the coarse solid, and the area of surface that each touched point stands for."""
-
-    voxel: float = 0.57  # [cells] edge of a voxel
-    spread: float = 0.35  # width of a point's kernel over the spacing of touches; larger bridges
-    min_spread: float = 3.0e-3  # [m]
-    max_spread: float = 12.0e-3  # [m]
-    max_area: float = 1.5  # largest area of one point, over the hull's area per touch
-    min_rounds: int = 2  # fits, each with outliers weighed by the one before, if none is known
-    flat: float = 1e-6  # [m] rms distance from a plane, below which points enclose no solid
-
-
-SAMPLING = SamplingSettings()
-
-
 def least_cell(
-    points: Floats, platform: float | None = None, settings: GridSettings | None = None
+    points: Floats,
+    platform: float | None = None,
+    grid: GridSettings = DEFAULT_GENERAL.grid,
+    sampling: SamplingSettings = DEFAULT_GENERAL.sampling,
 ) -> float:
     """Edge of the smallest cells that a fit of points (n, 3) may have [m]."""
-    settings = settings or GridSettings()
     sides = np.ptp(points, axis=0)
     if platform is not None:  # the coarse solid has its mirror image below
         sides[2] = 2.0 * max(float(points[:, 2].max()) - platform, 0.0)
-    by_band = settings.cells_per_square * _hull_area(points) / settings.max_cells
-    by_voxels = float(np.prod(sides)) / settings.max_voxels
-    return max(math.sqrt(by_band), math.cbrt(by_voxels) / SAMPLING.voxel)
+    area = _hull_area(points, grid.max_hull_points)
+    by_band = grid.cells_per_square * area / grid.max_cells
+    by_voxels = float(np.prod(sides)) / grid.max_voxels
+    return max(math.sqrt(by_band), math.cbrt(by_voxels) / sampling.voxel)
 
 
-def fitting_cell(contacts: ContactPoints) -> float:
+def fitting_cell(contacts: ContactPoints, settings: GeneralSettings = DEFAULT_GENERAL) -> float:
     """Edge of cells [m] as fine as the spacing of the touches can resolve."""
-    spacing = math.sqrt(_hull_area(contacts.points) / len(np.unique(contacts.touch)))
-    return solid.SPLINES.cell if spacing < GridSettings().dense else solid.SPLINES.draft_cell
+    area = _hull_area(contacts.points, settings.grid.max_hull_points)
+    spacing = math.sqrt(area / len(np.unique(contacts.touch)))
+    is_dense = spacing < settings.grid.dense
+    return settings.spline.cell if is_dense else settings.spline.draft_cell
 
 
 def rebuild_general(
@@ -120,15 +79,16 @@ def rebuild_general(
     free: Floats | None = None,
     spanned: Floats | None = None,
     platform: float | None = None,
-    cell: float = solid.SPLINES.cell,
-    pose: float = solid.SPLINES.pose,
+    cell: float | None = None,
+    pose: float | None = None,
     outward: bool = False,
     placement: Ints | None = None,
     underside: Floats | None = None,
-    start: solid.GeneralSolid | None = None,
+    start: GeneralSolid | None = None,
     draft: bool = False,
     step: Steps = no_steps,
-) -> solid.GeneralSolid:
+    settings: GeneralSettings = DEFAULT_GENERAL,
+) -> GeneralSolid:
     """The solid of touched points with normals, of any genus.
 
     `contacts`: world frame, m; or points (n, 3), each a touch of its own, with `normals` (n, 3) of
@@ -140,13 +100,43 @@ def rebuild_general(
     (k, 3): places that a finger has swept. `spanned` (l, 3): places on the face of a pad that has
     contacts on both sides of them but none there: the surface lies behind them. `platform`: height
     on which the object stands [m]; None if it is held. `cell`: edge of the spline's cells [m].
-    `pose`: standard deviation of a touch's place [m]. `start`: a solid of the first of these
-    contacts, from which the fit starts: it takes a fraction of the time. `draft`: an intermediate
-    solid, for planning more touches: its band is widened less, and the error calibration of `start`
-    is kept. Cells are larger than `cell` if there would be too many (`GridSettings`). Raises
-    ValueError if there are no normals, if normals disagree, if all points lie in one plane, or if
-    they span more than a metre (coordinates are in metres).
+    `pose`: standard deviation of a touch's place [m]. Both are those of `settings.spline` if left
+    out. `start`: a solid of the first of these contacts, from which the fit starts: it takes a
+    fraction of the time. `draft`: an intermediate solid, for planning more touches: its band is
+    widened less, and the error calibration of `start` is kept. `settings`: how it is fitted; the
+    solid keeps them for its mesh, its errors and its updates. Cells are larger than `cell` if there
+    would be too many (`GridSettings`). Raises ValueError if there are no normals, if normals
+    disagree, if all points lie in one plane, or if they span more than a metre (coordinates are in
+    metres).
     """
+    contacts = _contacts_with_normals(contacts, normals)
+    cell = settings.spline.cell if cell is None else cell
+    pose = settings.spline.pose if pose is None else pose
+    positive("cell", cell, "m")
+    check_extent("patches", contacts.points, settings.grid.max_extent)
+    if is_flat(contacts.points, settings.sampling):
+        raise ValueError("patches must not all lie in one plane")
+    touched = contacts if start is not None else _thinned(contacts, settings.grid.max_points)
+    touched = touched if outward else oriented(touched, settings.orientation).contacts
+    none, placed = np.zeros((0, 3)), np.zeros(0, np.int32) if placement is None else placement
+    known = Known(
+        touched,
+        free,
+        none if spanned is None else spanned,
+        _far_from_touch(underside, touched.points, settings.underside.min_distance),
+        platform,
+        max(pose, settings.motions.least_pose) if placed.any() else pose,
+        placed,
+        draft,
+        settings,
+    )
+    return _solid_with_whole_walls(known, cell, start, step)
+
+
+def _contacts_with_normals(
+    contacts: ContactPoints | ArrayLike, normals: ArrayLike | None
+) -> ContactPoints:
+    """The contacts as `rebuild_general` is given them, checked."""
     if not isinstance(contacts, ContactPoints):
         points = finite_array("contacts", contacts, (None, 3))
         directions = None if normals is None else np.asarray(normals, np.float64)
@@ -154,24 +144,7 @@ def rebuild_general(
     contacts = checked_contacts(contacts)
     if contacts.normals is None or not len(contacts.points):
         raise ValueError("patches must have points and normals for a general solid, got none")
-    positive("cell", cell, "m")
-    check_extent("patches", contacts.points, GridSettings().max_extent)
-    if is_flat(contacts.points):
-        raise ValueError("patches must not all lie in one plane")
-    touched = contacts if start is not None else _thinned(contacts)
-    touched = touched if outward else oriented(touched).contacts
-    none, placed = np.zeros((0, 3)), np.zeros(0, np.int32) if placement is None else placement
-    known = Known(
-        touched,
-        free,
-        none if spanned is None else spanned,
-        _far_from_touch(underside, touched.points),
-        platform,
-        max(pose, MOTIONS.least_pose) if placed.any() else pose,
-        placed,
-        draft,
-    )
-    return _solid_with_whole_walls(known, cell, start, step)
+    return contacts
 
 
 class Known(NamedTuple):
@@ -185,16 +158,30 @@ class Known(NamedTuple):
     pose: float  # Standard deviation of a touch's place
     placement: Ints  # Of each touch, (t,); empty if all are of the first
     draft: bool
+    settings: GeneralSettings
+
+    @property
+    def origin(self) -> Floats:
+        """Origin of the grid of cells, (3,)."""
+        return np.array([0.0, 0.0, self.platform or 0.0])
+
+    @property
+    def widening(self) -> WideningSettings:
+        """How the band is widened."""
+        bands = self.settings.bands
+        return bands.draft_widening if self.draft else bands.widening
 
 
 def _solid_with_whole_walls(
-    known: Known, cell: float, start: solid.GeneralSolid | None, step: Steps
-) -> solid.GeneralSolid:
+    known: Known, cell: float, start: GeneralSolid | None, step: Steps
+) -> GeneralSolid:
     """The solid with cells of an edge [m], or smaller ones where that one's thin walls are torn."""
-    grid, points = GridSettings(), known.touched.points
-    cell = max(cell, least_cell(points, known.platform))
-    finer_grid = grid._replace(max_cells=grid.max_wall_cells)
-    walls = max(wall_cell(known.touched, cell), least_cell(points, known.platform, finer_grid))
+    grid, sampling = known.settings.grid, known.settings.sampling
+    where = known.touched.points, known.platform
+    cell = max(cell, least_cell(*where, grid, sampling))
+    finer_grid = replace(grid, max_cells=grid.max_wall_cells)
+    walls = wall_cell(known.touched, cell, known.settings.walls)
+    walls = max(walls, least_cell(*where, finer_grid, sampling))
     if walls < cell and start is not None and start.cell <= grid.small_cell * cell:
         torn = _tears(start)
         if known.draft and not torn:
@@ -217,7 +204,7 @@ def _solid_with_whole_walls(
     return replace(plain, tried_walls=touches)  # too few touches for small cells
 
 
-def _tears(rebuilt: solid.GeneralSolid) -> int:
+def _tears(rebuilt: GeneralSolid) -> int:
     """Tears of a mesh of half cells: whole cells do not resolve a wall as thick as a cell."""
     return tears(rebuilt.plain_mesh(2))
 
@@ -235,40 +222,48 @@ def tears(mesh: Mesh) -> int:
 
 
 def _solid_of_cells(
-    known: Known, cell: float, grid: GridSettings, start: solid.GeneralSolid | None, step: Steps
-) -> solid.GeneralSolid:
+    known: Known, cell: float, grid: GridSettings, start: GeneralSolid | None, step: Steps
+) -> GeneralSolid:
     """The solid with cells of an edge [m], or larger ones if there would be too many."""
-    touched, platform, placed = known.touched, known.platform, known.placement
+    touched, settings = known.touched, known.settings
     with step("topology"):
-        coarse = _coarse(_with_underside(touched, known.below), known.free, platform, cell)
+        coarse = _coarse(known, cell)
     with step("implicit spline"):
-        following = Following(1, 0.01) if known.draft else Following()
-        beside, below, pose = known.spanned, known.below, known.pose
-        setting = Setting(touched, coarse, beside, below, platform, pose, following, placed, grid)
+        problem = SplineProblem(known, coarse, grid)
         before = None if start is None else Spline(start.cell, start.fit)
-        if before is None and cell < solid.SPLINES.draft_cell and grid == GridSettings():
-            before = setting.fit(solid.SPLINES.draft_cell, None, 1).spline
-        fitted = setting.fit(cell, before, SAMPLING.min_rounds if before is None else 1)
+        draft_cell = settings.spline.draft_cell
+        if before is None and cell < draft_cell and grid == settings.grid:
+            before = problem.fit(draft_cell, None, 1).spline
+        fitted = problem.fit(cell, before, settings.sampling.min_rounds if before is None else 1)
     with step("held-out touches"):
         predicted_before = start.predicted if known.draft and start is not None else None
-        fit, predicted = surface_errors(fitted, predicted_before)
+        fit, predicted = surface_errors(fitted, predicted_before, settings.errors)
     count = int(touched.touch.max()) + 1
     displacements, fit = fit.displacements, fit.of_first(len(touched.points), count)
-    rebuilt = solid.GeneralSolid(
-        setting.origin, fitted.spline.cell, fit, coarse, touched, platform, predicted, pose
+    rebuilt = GeneralSolid(
+        known.origin,
+        fitted.spline.cell,
+        fit,
+        coarse,
+        touched,
+        known.platform,
+        predicted,
+        known.pose,
+        settings=settings,
     )
     if fitted.shared is None:
         return rebuilt
-    motions = found_motions(touched, placed, fitted.shared.of(displacements))
-    return replace(rebuilt, placement=placed, motions=motions)
+    unknowns = fitted.shared.of(displacements)
+    motions = found_motions(touched, known.placement, unknowns, settings.motions)
+    return replace(rebuilt, placement=known.placement, motions=motions)
 
 
-def _far_from_touch(underside: Floats | None, touched: Floats) -> Floats:
-    """Those places (k, 3) of an underside that lie far from all touched points."""
+def _far_from_touch(underside: Floats | None, touched: Floats, min_distance: float) -> Floats:
+    """Those places (k, 3) of an underside that lie far [m] from all touched points."""
     if underside is None or not len(underside):
         return np.zeros((0, 3))
     away = scipy.spatial.cKDTree(touched).query(underside)[0]
-    return np.asarray(underside[away > UNDERSIDE.min_distance])
+    return np.asarray(underside[away > min_distance])
 
 
 def _with_underside(touched: ContactPoints, below: Floats) -> ContactPoints:
@@ -284,75 +279,36 @@ def _with_underside(touched: ContactPoints, below: Floats) -> ContactPoints:
     )
 
 
-def is_flat(points: Floats) -> bool:
+def is_flat(points: Floats, settings: SamplingSettings = DEFAULT_GENERAL.sampling) -> bool:
     """Whether points (n, 3) [m] lie in one plane, and so enclose no solid."""
     spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
-    return bool(len(points) < 4 or spread[2] < SAMPLING.flat * np.sqrt(len(points)))
+    return bool(len(points) < 4 or spread[2] < settings.flat * np.sqrt(len(points)))
 
 
-def _coarse(
-    touched: ContactPoints, free: Floats | None, platform: float | None, cell: float
-) -> CoarseSolid:
-    hull = _hull_area(touched.points)
+def _coarse(known: Known, cell: float) -> CoarseSolid:
+    touched = _with_underside(known.touched, known.below)
+    settings, sampling = known.settings, known.settings.sampling
+    hull = _hull_area(touched.points, settings.grid.max_hull_points)
     touches = int(touched.touch.max()) + 1
-    spread = SAMPLING.spread * np.sqrt(hull / touches)
+    spread = sampling.spread * np.sqrt(hull / touches)
     return coarse_solid(
         touched.points,
         np.asarray(touched.normals),
-        np.zeros((0, 3)) if free is None else free,
-        step=SAMPLING.voxel * cell,
-        spread=float(np.clip(spread, SAMPLING.min_spread, SAMPLING.max_spread)),
-        most_area=SAMPLING.max_area * hull / touches,
-        platform=platform,
+        np.zeros((0, 3)) if known.free is None else known.free,
+        step=sampling.voxel * cell,
+        spread=float(np.clip(spread, sampling.min_spread, sampling.max_spread)),
+        most_area=sampling.max_area * hull / touches,
+        platform=known.platform,
+        settings=settings.coarse,
     )
 
 
-class Following(NamedTuple):
-    """How often, and when, the band is widened where the surface leaves it."""
+class SplineProblem(NamedTuple):
+    """What a spline is fitted to."""
 
-    turns: int = 2  # Largest number of times that the band is widened
-    let_go: float = 0.0  # Missing cells over cells of the band, up to which it is not widened
-
-
-@dataclass(frozen=True, slots=True)
-class SpannedSettings:
-    """How the spline is held behind places that a pad spans without contact."""
-
-    weight: float = 0.2  # factor of such a place's residuals at first; a touched point has 1
-    max_depth: float = 0.15e-3  # [m] places with the surface farther behind them are left out
-
-
-SPANNED = SpannedSettings()
-
-
-@dataclass(frozen=True, slots=True)
-class UndersideSettings:
-    """Where the underside of an object that was turned over is assumed flat until it is touched."""
-
-    min_distance: float = 8.0e-3  # [m] from every touched point; larger assumes less
-    weight: float = 0.2  # factor of such a place's residuals at first; a touched point has 1
-
-
-UNDERSIDE = UndersideSettings()
-
-
-class Setting(NamedTuple):
-    """What a spline is fitted to; lengths in [m]."""
-
-    touched: ContactPoints
+    known: Known
     coarse: CoarseSolid
-    spanned: Floats  # Places (l, 3) behind which the surface lies
-    below: Floats  # Places (j, 3) where the underside is assumed flat
-    platform: float | None  # Height on which it stands
-    pose: float  # Standard deviation of a touch's place
-    following: Following
-    placement: Ints  # Of each touch, (t,); empty if all are of the first
-    grid: GridSettings
-
-    @property
-    def origin(self) -> Floats:
-        """Origin of the grid of cells, (3,)."""
-        return np.array([0.0, 0.0, self.platform or 0.0])
+    grid: GridSettings  # Where cells are small because walls are thin, with a larger limit
 
     def fit(self, cell: float, before: Spline | None, rounds: int) -> Fitted:
         """The spline over the cells at the surface; the band is widened where it leaves them.
@@ -360,115 +316,120 @@ class Setting(NamedTuple):
         `before`: a spline of the first of these touches: it is the first estimate of the surface,
         of displacements and of outliers. `rounds`: least number of fits, to weigh outliers.
         """
-        places = (self.touched.points - self.origin) / cell
-        touched = TouchedPoints(places, np.asarray(self.touched.normals), self.touched.touch)
-        points = self._with_underside_points(self._with_spanned(touched, cell, before), cell)
+        known, settings, grid = self.known, self.known.settings, self.grid
+        places = (known.touched.points - known.origin) / cell
+        touched = TouchedPoints(places, np.asarray(known.touched.normals), known.touched.touch)
+        points = _with_underside_points(known, _with_spanned(known, touched, cell, before), cell)
         start = plain_start(len(points.places), int(points.touch.max()) + 1)
-        start.weights[len(places) :] = SPANNED.weight
-        start.weights[len(points.places) - len(self.below) :] = UNDERSIDE.weight
-        shared = shared_motions(points, self.placement, cell, self.pose)
+        start.weights[len(places) :] = settings.spanned.weight
+        start.weights[len(points.places) - len(known.below) :] = settings.underside.weight
+        shared = shared_motions(points, known.placement, cell, known.pose, settings.motions)
         if before is not None:
             start = start.begun(before.fit, before.cell / cell)
         cells = _surface_cells(self, before, points, cell)
-        over = len(make_band(cells).cells) / (self.grid.excess * self.grid.max_cells)
+        over = len(make_band(cells).cells) / (grid.excess * grid.max_cells)
         if over > 1.0:  # the surface is larger than the hull of the touched points
-            return self.fit(cell * math.sqrt(self.grid.excess * over), before, rounds)
+            return self.fit(cell * math.sqrt(grid.excess * over), before, rounds)
         solution: Solution | None = None
         weighed = 0
-        for turn in range(self.following.turns + 1):
+        for turn in range(known.widening.max_rounds + 1):
             band = make_band(cells)
             order = dissect(band.cells, band.local, len(band.control))
-            control = self.coarse.at(band.control * cell + self.origin) / cell
-            terms = points, control, solid.cell_weights(cell, self.pose)
+            control = self.coarse.at(band.control * cell + known.origin) / cell
+            terms = points, control, cell_weights(cell, known.pose, settings.spline)
             solution = None  # memory: never two factors at a time
-            solution = fit_implicit(band, *terms, start, order, shared)
-            beyond = surface_neighbours(solution.fit, standing=self.platform is not None)
-            if turn == self.following.turns or len(beyond) <= self.following.let_go * len(
-                band.cells
-            ):
+            solution = fit_implicit(band, *terms, start, order, shared, settings.fit)
+            beyond = surface_neighbours(solution.fit, standing=known.platform is not None)
+            is_whole = len(beyond) <= known.widening.max_missing * len(band.cells)
+            if turn == known.widening.max_rounds or is_whole:
                 break
             cells = np.concatenate([band.cells, beyond])
             start, weighed = start.begun(solution.fit, 1.0), weighed + 1
         assert solution is not None
         for _ in range(weighed, rounds - 1):
             start, solution = start.begun(solution.fit, 1.0), None
-            solution = fit_implicit(band, *terms, start, order, shared)
+            solution = fit_implicit(band, *terms, start, order, shared, settings.fit)
         return Fitted(Spline(cell, solution.fit), solution, touched, *terms[1:], shared)
 
-    def _with_spanned(
-        self, touched: TouchedPoints, cell: float, before: Spline | None
-    ) -> TouchedPoints:
-        """The touched points, and the spanned places that an earlier spline does not lie behind.
 
-        Each spanned place belongs to the touch of the nearest point, and is displaced with it.
-        """
-        if before is None or not len(self.spanned):
-            return touched
-        places = self.spanned - self.origin
-        value, gradient = before.fit.band.evaluate(before.fit.control, places / before.cell)
-        inside = before.cell * value < SPANNED.max_depth  # False where it is NaN
-        places, gradient = places[inside] / cell, gradient[inside]
-        slope = np.linalg.norm(gradient, axis=1, keepdims=True)
-        slope = np.maximum(slope, solid.SPLINES.min_slope)
-        nearest = scipy.spatial.cKDTree(touched.places).query(places)[1]
-        return TouchedPoints(
-            np.concatenate([touched.places, places]),
-            np.concatenate([touched.normals, gradient / slope]),
-            np.concatenate([touched.touch, touched.touch[nearest]]),
-        )
+def _with_spanned(
+    known: Known, touched: TouchedPoints, cell: float, before: Spline | None
+) -> TouchedPoints:
+    """The touched points, and the spanned places that an earlier spline does not lie behind.
 
-    def _with_underside_points(self, points: TouchedPoints, cell: float) -> TouchedPoints:
-        """The points, and those of the flat underside as one more touch."""
-        if not len(self.below):
-            return points
-        down = np.broadcast_to([0.0, 0.0, -1.0], self.below.shape)
-        last = np.full(len(self.below), self.touched.touch.max() + 1, np.int32)
-        return TouchedPoints(
-            np.concatenate([points.places, (self.below - self.origin) / cell]),
-            np.concatenate([points.normals, down]),
-            np.concatenate([points.touch, last]),
-        )
+    Each spanned place belongs to the touch of the nearest point, and is displaced with it.
+    """
+    if before is None or not len(known.spanned):
+        return touched
+    places = known.spanned - known.origin
+    value, gradient = before.fit.band.evaluate(before.fit.control, places / before.cell)
+    inside = before.cell * value < known.settings.spanned.max_depth  # False where it is NaN
+    places, gradient = places[inside] / cell, gradient[inside]
+    slope = np.linalg.norm(gradient, axis=1, keepdims=True)
+    slope = np.maximum(slope, known.settings.spline.min_slope)
+    nearest = scipy.spatial.cKDTree(touched.places).query(places)[1]
+    return TouchedPoints(
+        np.concatenate([touched.places, places]),
+        np.concatenate([touched.normals, gradient / slope]),
+        np.concatenate([touched.touch, touched.touch[nearest]]),
+    )
+
+
+def _with_underside_points(known: Known, points: TouchedPoints, cell: float) -> TouchedPoints:
+    """The points, and those of the flat underside as one more touch."""
+    if not len(known.below):
+        return points
+    down = np.broadcast_to([0.0, 0.0, -1.0], known.below.shape)
+    last = np.full(len(known.below), known.touched.touch.max() + 1, np.int32)
+    return TouchedPoints(
+        np.concatenate([points.places, (known.below - known.origin) / cell]),
+        np.concatenate([points.normals, down]),
+        np.concatenate([points.touch, last]),
+    )
 
 
 def _surface_cells(
-    setting: Setting, before: Spline | None, points: TouchedPoints, cell: float
+    problem: SplineProblem, before: Spline | None, points: TouchedPoints, cell: float
 ) -> Ints:
     """Cells (k, 3) whose middle lies near the estimated surface, or that hold a point."""
-    coarse, standing = setting.coarse, setting.platform is not None
-    low = np.floor((coarse.low - setting.origin) / cell).astype(int)
+    known, coarse, bands = problem.known, problem.coarse, problem.known.settings.bands
+    origin, standing = known.origin, known.platform is not None
+    low = np.floor((coarse.low - origin) / cell).astype(int)
     shape = np.array(coarse.distances.shape) * coarse.step
-    high = np.ceil((coarse.low + shape - setting.origin) / cell).astype(int)
+    high = np.ceil((coarse.low + shape - origin) / cell).astype(int)
     if standing:
         low[2] = -1
     middles = np.moveaxis(np.indices(high - low), 0, -1).reshape(-1, 3) + low + 0.5
-    distances = coarse.at(middles * cell + setting.origin) / cell
+    distances = coarse.at(middles * cell + origin) / cell
     if before is not None:
-        close = np.flatnonzero(np.abs(distances) < BANDS.searched)
-        there = before.distances(middles[close] * cell) / cell
-        known = np.isfinite(there)
+        close = np.flatnonzero(np.abs(distances) < bands.searched)
+        there = before.distances(middles[close] * cell, known.settings.fit.min_slope) / cell
+        in_band = np.isfinite(there)
         # Near the band of the earlier spline the coarse solid is not used: its surface is better.
         beside = scipy.spatial.cKDTree(before.fit.band.cells + 0.5).query(
-            middles[close][~known] * (cell / before.cell), distance_upper_bound=BANDS.lacked
+            middles[close][~in_band] * (cell / before.cell), distance_upper_bound=bands.lacked
         )
-        there[~known] = np.where(beside[0] < BANDS.lacked, np.inf, distances[close][~known])
-        gone = (distances[close] > BANDS.outside) & _are_untouched(setting, middles[close], cell)
+        there[~in_band] = np.where(beside[0] < bands.lacked, np.inf, distances[close][~in_band])
+        gone = (distances[close] > bands.outside) & _are_untouched(known, middles[close], cell)
         distances[close] = np.where(gone, distances[close], there)
-    near = np.abs(distances) < BANDS.width
+    near = np.abs(distances) < bands.width
     if standing:  # the spline decides how it ends below, not the mirrored coarse solid
-        lowest = np.percentile(points.places[:, 2], BANDS.lowest) + BANDS.foot
-        near |= (middles[:, 2] < lowest) & (distances < BANDS.width)
+        lowest = np.percentile(points.places[:, 2], bands.lowest) + bands.foot
+        near |= (middles[:, 2] < lowest) & (distances < bands.width)
     places = [middles[near], points.places]
     if before is not None:
         crossed = _crossed_places(before.fit) * (before.cell / cell)
-        outside = coarse.at(crossed * cell + setting.origin) / cell > BANDS.outside
-        places.append(crossed[~(outside & _are_untouched(setting, crossed, cell))])
+        outside = coarse.at(crossed * cell + origin) / cell > bands.outside
+        places.append(crossed[~(outside & _are_untouched(known, crossed, cell))])
     return np.asarray(np.floor(np.concatenate(places)), np.int32)
 
 
-def _are_untouched(setting: Setting, places: Floats, cell: float) -> Bools:
+def _are_untouched(known: Known, places: Floats, cell: float) -> Bools:
     """Mask of the places (n, 3) [cells] far from touched points: there the coarse solid decides."""
-    touched = (setting.touched.points - setting.origin) / cell
-    return np.asarray(scipy.spatial.cKDTree(touched).query(places)[0] > BANDS.untouched)
+    touched = (known.touched.points - known.origin) / cell
+    return np.asarray(
+        scipy.spatial.cKDTree(touched).query(places)[0] > known.settings.bands.untouched
+    )
 
 
 def _crossed_places(fit: ImplicitFit) -> Floats:
@@ -502,9 +463,9 @@ def surface_neighbours(fit: ImplicitFit, *, standing: bool) -> Ints:
     return beyond[beyond[:, 2] >= -1] if standing else beyond
 
 
-def _thinned(contacts: ContactPoints) -> ContactPoints:
+def _thinned(contacts: ContactPoints, max_points: int) -> ContactPoints:
     """Every n-th point of each touch, from its first one on, so that no touch is lost."""
-    stride = -(-len(contacts.points) // GridSettings().max_points)
+    stride = -(-len(contacts.points) // max_points)
     if stride <= 1:
         return contacts
     order = np.argsort(contacts.touch, kind="stable")
@@ -516,6 +477,6 @@ def _thinned(contacts: ContactPoints) -> ContactPoints:
     return ContactPoints(contacts.points[kept], contacts.normals[kept], contacts.touch[kept])
 
 
-def _hull_area(points: Floats) -> float:
-    stride = max(1, len(points) // GridSettings().max_hull_points)
+def _hull_area(points: Floats, max_points: int) -> float:
+    stride = max(1, len(points) // max_points)
     return float(scipy.spatial.ConvexHull(points[::stride]).area)

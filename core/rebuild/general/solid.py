@@ -22,9 +22,8 @@ from palpate.core.geometry import DEFAULT_MESH, nearest_points, nearest_search, 
 from palpate.core.poses import Pose
 from palpate.core.rebuild.contours import ContactPoints, checked_contacts
 from palpate.core.rebuild.general.band import basis_values
-from palpate.core.rebuild.general.edges import EDGES, Edges, find_edges, sharpened
+from palpate.core.rebuild.general.edges import Edges, find_edges, sharpened
 from palpate.core.rebuild.general.errors import (
-    ERRORS,
     SurfaceErrors,
     surface_bends,
     touch_distances,
@@ -35,53 +34,15 @@ from palpate.core.rebuild.general.fitting import (
     Weights,
     refit_locally,
 )
+from palpate.core.rebuild.general.settings import (
+    DEFAULT_GENERAL,
+    GeneralSettings,
+    ProtrusionSettings,
+    SplineSettings,
+)
 from palpate.core.rebuild.general.topology import CoarseSolid
 from palpate.core.rebuild.protocol import Closest, Solid
 from palpate.core.shapes import Mesh, grid_surface, without_crossings
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SplineSettings:
-    """The energy of the implicit spline, and how a solid and its mesh are made of the spline."""
-
-    cell: float = 4.0e-3  # [m] edge of a cell of the final solid; larger is coarser and faster
-    draft_cell: float = 5.0e-3  # [m] edge of a cell of a draft, and of the fit before a finer one
-    point: float = 0.06e-3  # [m] standard deviation of a touched point
-    normal: float = 0.2  # standard deviation of a component of its unit normal
-    pose: float = 0.1e-3  # [m] standard deviation of a touch's displacement
-    variation: float = 0.05  # [m] weight of squared third derivatives: larger is smoother
-    detail: float = 3.0  # power of cell / `draft_cell` by which that weight is multiplied
-    anchor: float = 1e6  # [1/m^5] weight of the distance to the coarse solid, squared
-    min_slope: float = 0.2  # least norm of a gradient by which a value is divided for a distance
-    n_projections: int = 2  # steps of Newton's method onto the surface
-    max_retreats: int = 20  # rounds in which vertices of crossing faces are moved back to the grid
-    min_part: float = 0.02  # touched nodes over the most touched part's; less is left out
-    local_reach: float = 12.0e-3  # [m] from a new touch, within which `update` changes the spline
-    max_residual: float = 15.0e-3  # [m] limit of a distance from the solid in `touch_squares`
-
-
-SPLINES = SplineSettings()
-
-
-@dataclass(frozen=True, slots=True)
-class ProtrusionSettings:
-    """Surface outside the convex hull of all touched points: where it is cut off, and its error."""
-
-    # Surface is a ripple of the spline, and is cut off, if its height over the hull is larger than
-    # `cut_height` + `cut_slope` * distance from the nearest touched point. On cups and bowls with
-    # walls of 2 and 3 mm this cuts 0.7 % of the surface, up to 5 mm high; on scanned objects none.
-    cut_height: float = 1.5e-3  # [m]; larger cuts less
-    cut_slope: float = 0.5  # height over distance; larger cuts less
-    cut_distance: float = 8.0e-3  # [m] from a touched point, up to which ripples are cut off
-    min_height: float = 1.0e-3  # [m] over the hull; the expected error is the height less this
-    bound_factor: float = 1.5  # bound of 95 % over that error
-    # The hull is computed of one point in each cube; the cube's edge is the larger of these two.
-    grid: float = 2.0e-3  # [m]
-    grid_share: float = 0.01  # fraction of the extent of the touched points
-    n_pairs: int = 1_000_000  # pairs of a place and a hull face compared at a time: memory
-
-
-PROTRUSIONS = ProtrusionSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,6 +62,8 @@ class GeneralSolid(Solid):
     # Rigid motion of each later placement that moves its `contacts` onto the others
     motions: tuple[Pose, ...] = ()
     tried_walls: int = 0  # Number of touches when wall-sized cells last failed to help; 0: never
+    # How it was fitted and is meshed. Archives store solids of the default settings alone.
+    settings: GeneralSettings = field(default=DEFAULT_GENERAL, metadata={"archived": False})
 
     def evaluate(self, places: Floats) -> tuple[Floats, Floats]:
         """The spline, m, and its gradient at places (n, 3): (n,), (n, 3); NaN beyond the band."""
@@ -111,11 +74,12 @@ class GeneralSolid(Solid):
 
     def project(self, places: Floats, flat: Bools | None = None) -> Floats:
         """Places (n, 3) moved onto the surface along the gradient; `flat` (n,) stay level."""
-        for _ in range(SPLINES.n_projections):
+        settings = self.settings.spline
+        for _ in range(settings.n_projections):
             value, gradient = self.evaluate(places)
             if flat is not None:
                 gradient[flat, 2] = 0.0
-            square = np.maximum((gradient**2).sum(axis=1), SPLINES.min_slope**2)
+            square = np.maximum((gradient**2).sum(axis=1), settings.min_slope**2)
             step = (value / square)[:, None] * gradient
             small = np.linalg.norm(step, axis=1) < self.cell  # false where it is NaN
             places = np.where(small[:, None], places - step, places)
@@ -127,24 +91,26 @@ class GeneralSolid(Solid):
         At sharp edges vertices lie on the faces that meet there. Vertices whose triangles would
         cross after the move onto the surface stay where the grid has them.
         """
+        max_retreats = self.settings.spline.max_retreats
         places, moved, faces = self._surface(parts)
-        vertices = without_crossings(places, moved, faces, SPLINES.max_retreats)
+        vertices = without_crossings(places, moved, faces, max_retreats)
         if self.edges is None:
             return Mesh(vertices, faces)
-        sharp = sharpened(self.edges, vertices, faces)
+        sharp = sharpened(self.edges, vertices, faces, self.settings.edges)
         if self.platform is not None:
             standing = vertices[:, 2] <= self.platform
             sharp[standing] = vertices[standing]
             sharp[:, 2] = np.maximum(sharp[:, 2], self.platform)
-        return Mesh(without_crossings(vertices, sharp, faces, SPLINES.max_retreats), faces)
+        return Mesh(without_crossings(vertices, sharp, faces, max_retreats), faces)
 
     @cached_property
     def edges(self) -> Edges | None:
         """Its sharp edges, confirmed by touched points on both sides; None if there are none."""
-        vertices = self._surface(2)[1]
+        vertices, settings = self._surface(2)[1], self.settings.edges
         touched, normals = self.contacts.points, np.asarray(self.contacts.normals)
         touched = touched + self.cell * self.fit.displacements[self.contacts.touch]
-        return find_edges(vertices[self.bends(vertices) > EDGES.min_bend], touched, normals)
+        bent = vertices[self.bends(vertices) > settings.min_bend]
+        return find_edges(bent, touched, normals, settings)
 
     @property
     def rough_mesh(self) -> Mesh:
@@ -159,7 +125,7 @@ class GeneralSolid(Solid):
     @cached_property
     def _rough(self) -> tuple[int, Mesh]:
         _, moved, faces = self._surface(1)
-        if self.cell >= SPLINES.cell and len(moved):
+        if self.cell >= self.settings.spline.cell and len(moved):
             away = point_tree(moved, balanced=False).query(self.contacts.points)[0]
             if np.max(away) > self.cell:
                 return 2, self.plain_mesh(2)
@@ -191,14 +157,15 @@ class GeneralSolid(Solid):
 
     def bends(self, places: Floats) -> Floats:
         """Angles (n,) by which the normal turns within 3 mm of places (n, 3) on it [rad]."""
-        reach = ERRORS.bend_reach / self.cell
-        return surface_bends(self.fit, (places - self.origin) / self.cell, reach)
+        local = (places - self.origin) / self.cell
+        return surface_bends(self.fit, local, self.cell, self.settings.errors)
 
     def is_sharp(self, places: Floats) -> Bools:
         """Mask of the places (n, 3) within `EdgeSettings.moved` of a sharp edge."""
         if self.edges is None:
             return np.zeros(len(places), np.bool_)
-        return np.asarray(point_tree(self.edges.places).query(places)[0] < EDGES.moved)
+        away = point_tree(self.edges.places).query(places)[0]
+        return np.asarray(away < self.settings.edges.moved)
 
     def __repr__(self) -> str:
         return f"<GeneralSolid {self._size()} m, of {len(self.fit.displacements)} touches>"
@@ -212,11 +179,12 @@ class GeneralSolid(Solid):
         nearest = self.final_mesh.closest(points)
         places = self.project(nearest.points)
         gradient = self.evaluate(places)[1]
+        min_slope = self.settings.spline.min_slope
         slope = np.linalg.norm(gradient, axis=1, keepdims=True)
-        normals = gradient / np.maximum(slope, SPLINES.min_slope)
+        normals = gradient / np.maximum(slope, min_slope)
         along = np.einsum("ni,ni->n", normals, nearest.normals)
         # False where the gradient is NaN
-        on_spline = (along > np.cos(DEFAULT_MESH.sharp_angle)) & (slope[:, 0] >= SPLINES.min_slope)
+        on_spline = (along > np.cos(DEFAULT_MESH.sharp_angle)) & (slope[:, 0] >= min_slope)
         if self.platform is not None:
             on_spline &= nearest.points[:, 2] > self.platform
         on_spline &= ~self.is_sharp(nearest.points)
@@ -234,7 +202,7 @@ class GeneralSolid(Solid):
     def residuals(self, places: Floats) -> Floats:
         """Distances (n,) of places (n, 3) from the surface [m]; near it, to first order."""
         value, gradient = self.evaluate(places)
-        slope = np.maximum(np.linalg.norm(gradient, axis=1), SPLINES.min_slope)
+        slope = np.maximum(np.linalg.norm(gradient, axis=1), self.settings.spline.min_slope)
         distances = np.abs(value) / slope
         far = ~(distances < self.cell)
         if far.any():
@@ -246,11 +214,12 @@ class GeneralSolid(Solid):
     def expected_errors(self, places: Floats) -> tuple[Floats, Floats]:
         """Errors that are expected at places (n, 3) of its surface, and their bounds of 95 %, m."""
         distances = touch_distances(self.contacts, places)
-        errors, bounds = self.predicted.at(places - self.origin, distances)
-        outer = distances > PROTRUSIONS.min_height  # the height over the hull is never larger
-        beyond = protrusions(self.contacts.points, places[outer]) - PROTRUSIONS.min_height
+        settings = self.settings.protrusions
+        errors, bounds = self.predicted.at(places - self.origin, distances, self.settings.errors)
+        outer = distances > settings.min_height  # the height over the hull is never larger
+        beyond = protrusions(self.contacts.points, places[outer], settings) - settings.min_height
         errors[outer] = np.maximum(errors[outer], beyond)
-        bounds[outer] = np.maximum(bounds[outer], PROTRUSIONS.bound_factor * beyond)
+        bounds[outer] = np.maximum(bounds[outer], settings.bound_factor * beyond)
         return errors, bounds
 
     def covers(self, places: Floats) -> bool:
@@ -272,10 +241,10 @@ class GeneralSolid(Solid):
         more = touched._replace(touch=touched.touch + np.int32(first))
         places = (more.points - self.origin) / self.cell
         points = TouchedPoints(places, np.asarray(more.normals), more.touch)
-        weights = cell_weights(self.cell, self.pose)
-        fit = refit_locally(
-            self.fit, self._points(), points, weights, SPLINES.local_reach / self.cell
-        )
+        settings = self.settings.spline
+        weights = cell_weights(self.cell, self.pose, settings)
+        reach = settings.local_reach / self.cell
+        fit = refit_locally(self.fit, self._points(), points, weights, reach)
         contacts = ContactPoints(
             np.concatenate([self.contacts.points, more.points]),
             np.concatenate([np.asarray(self.contacts.normals), points.normals]),
@@ -331,14 +300,14 @@ class GeneralSolid(Solid):
 
     def _ripples(self, inside: Bools, corner: Ints, step: float) -> Bools:
         """Mask of the nodes in ripples, which rise steeply over the hull (`ProtrusionSettings`)."""
-        nodes = np.argwhere(inside)
+        nodes, settings = np.argwhere(inside), self.settings.protrusions
         places = (nodes + corner) * step + self.origin
-        beyond = protrusions(self.contacts.points, places)
-        high = np.flatnonzero(beyond > PROTRUSIONS.cut_height)
+        beyond = protrusions(self.contacts.points, places, settings)
+        high = np.flatnonzero(beyond > settings.cut_height)
         away = touch_distances(self.contacts, places[high])
-        steep = beyond[high] > PROTRUSIONS.cut_height + PROTRUSIONS.cut_slope * away
+        steep = beyond[high] > settings.cut_height + settings.cut_slope * away
         ripples = np.zeros_like(inside)
-        ripples[tuple(nodes[high[steep & (away < PROTRUSIONS.cut_distance)]].T)] = True
+        ripples[tuple(nodes[high[steep & (away < settings.cut_distance)]].T)] = True
         return ripples
 
     def _supported(self, inside: Bools, corner: Ints, step: float) -> Bools:
@@ -351,7 +320,8 @@ class GeneralSolid(Solid):
         parts, _ = scipy.ndimage.label(inside)
         counts = np.bincount(parts[touched & inside], minlength=int(parts.max()) + 1)
         counts[0] = 0
-        inside = (counts >= SPLINES.min_part * counts.max())[parts] & (parts > 0)
+        least = self.settings.spline.min_part * counts.max()
+        inside = (counts >= least)[parts] & (parts > 0)
         parts, count = scipy.ndimage.label(~inside)
         border = np.ones(inside.shape, np.bool_)
         border[1:-1, 1:-1, 1:-1] = False
@@ -362,37 +332,47 @@ class GeneralSolid(Solid):
         return ~reached[parts]
 
 
-def cell_weights(cell: float, pose: float) -> Weights:
+def cell_weights(
+    cell: float, pose: float, settings: SplineSettings = DEFAULT_GENERAL.spline
+) -> Weights:
     """Weights of the energy in units of cells, for an edge `cell` [m] and a `pose` error [m]."""
     return Weights(
-        SPLINES.point / cell,
-        SPLINES.normal,
+        settings.point / cell,
+        settings.normal,
         pose / cell,
-        SPLINES.variation * (cell / SPLINES.draft_cell) ** SPLINES.detail / cell,
-        SPLINES.anchor * cell**5,
+        settings.variation * (cell / settings.draft_cell) ** settings.detail / cell,
+        settings.anchor * cell**5,
     )
 
 
-def touch_squares(touched: ContactPoints, distances: Floats) -> Floats:
+def touch_squares(
+    touched: ContactPoints,
+    distances: Floats,
+    settings: SplineSettings = DEFAULT_GENERAL.spline,
+) -> Floats:
     """Mean squares (t,) for each touch of the distances (n,) of its points from a solid [m^2].
 
     Points farther off than `SplineSettings.max_residual` count as that far.
     """
-    squares = np.minimum(distances, SPLINES.max_residual) ** 2
+    squares = np.minimum(distances, settings.max_residual) ** 2
     _, touch, counts = np.unique(touched.touch, return_inverse=True, return_counts=True)
     return np.asarray(np.bincount(touch, squares) / counts)
 
 
-def protrusions(touched: Floats, places: Floats) -> Floats:
+def protrusions(
+    touched: Floats,
+    places: Floats,
+    settings: ProtrusionSettings = DEFAULT_GENERAL.protrusions,
+) -> Floats:
     """Heights (n,) of places (n, 3) over the hull of touched points (k, 3) [m]; 0 inside it."""
     extent = float(np.ptp(touched, axis=0).max())
-    grid = max(PROTRUSIONS.grid, PROTRUSIONS.grid_share * extent)
+    grid = max(settings.grid, settings.grid_share * extent)
     _, first = np.unique(np.floor(touched / grid), axis=0, return_index=True)
     beyond = np.zeros(len(places))
     if len(first) <= touched.shape[1]:
         return beyond
     faces = scipy.spatial.ConvexHull(touched[first], qhull_options="QJ").equations
-    block = max(PROTRUSIONS.n_pairs // len(faces), 1)
+    block = max(settings.n_pairs // len(faces), 1)
     for begin in range(0, len(places), block):
         some = slice(begin, begin + block)
         beyond[some] = (places[some] @ faces[:, :3].T + faces[:, 3]).max(axis=1)

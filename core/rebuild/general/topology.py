@@ -41,7 +41,6 @@ class CoarseSettings:
     smoothing: float = 0.7  # [voxels] Gaussian of the distances, which smooths steps of the grid
 
 
-COARSE_SOLIDS = CoarseSettings()
 STEEP = 1e-9  # Upward part of the normal of a plane, up to which the plane counts as upright
 
 
@@ -70,6 +69,7 @@ def coarse_solid(
     spread: float,
     most_area: float,
     platform: float | None,
+    settings: CoarseSettings = CoarseSettings(),
 ) -> CoarseSolid:
     """The coarse solid of touched points (n, 3) with normals (n, 3) [m].
 
@@ -81,7 +81,7 @@ def coarse_solid(
         points, normals = _mirrored(points, normals, platform)
         below = free * np.array([1.0, 1.0, -1.0]) + np.array([0.0, 0.0, 2.0 * platform])
         free = np.concatenate([free, below])
-    margin = COARSE_SOLIDS.padding * step
+    margin = settings.padding * step
     low = points.min(axis=0) - margin
     extent = points.max(axis=0) + margin - low
     shape = [
@@ -90,17 +90,17 @@ def coarse_solid(
     if platform is not None:  # the platform is a plane of the grid
         low[2] = platform - step * round((platform - low[2]) / step)
     grid = _Grid(low, step, tuple(shape))
-    chi, level = _screened(grid, points, normals, grid.mask(free), spread, most_area)
+    chi, level = _screened(grid, points, normals, grid.mask(free), spread, most_area, settings)
     inside = scipy.ndimage.binary_fill_holes(chi > level)
     parts, _ = scipy.ndimage.label(inside)
     counts = np.bincount(parts.ravel())
-    counts[0] = COARSE_SOLIDS.min_part
-    inside &= counts[parts] >= COARSE_SOLIDS.min_part
+    counts[0] = settings.min_part
+    inside &= counts[parts] >= settings.min_part
     distances = scipy.ndimage.distance_transform_edt(
         ~inside
     ) - scipy.ndimage.distance_transform_edt(inside)
     distances = scipy.ndimage.gaussian_filter(
-        np.where(inside, distances + 0.5, distances - 0.5), COARSE_SOLIDS.smoothing
+        np.where(inside, distances + 0.5, distances - 0.5), settings.smoothing
     )
     return CoarseSolid(low, step, distances * step)
 
@@ -143,7 +143,13 @@ class _Grid(NamedTuple):
 
 
 def _screened(
-    grid: _Grid, points: Floats, normals: Floats, free: Bools, spread: float, most_area: float
+    grid: _Grid,
+    points: Floats,
+    normals: Floats,
+    free: Bools,
+    spread: float,
+    most_area: float,
+    settings: CoarseSettings,
 ) -> tuple[Floats, float]:
     """The function on the grid, and its value at the surface. Lengths are in voxels from here."""
     splat, step = grid.splat(points), grid.step
@@ -167,21 +173,18 @@ def _screened(
     )
     divergence = sum(1j * wave * field for wave, field in zip(waves, fields, strict=True))
     right = scipy.fft.irfftn(divergence * np.exp(-0.5 * squares), grid.shape)
-    screen = (splat.T @ (COARSE_SOLIDS.screening * areas)).reshape(grid.shape)
-    right, diagonal = right + 0.5 * screen, screen + COARSE_SOLIDS.hull
-    right = right + COARSE_SOLIDS.hull * (_in_hull(grid, points) & ~free)
+    screen = (splat.T @ (settings.screening * areas)).reshape(grid.shape)
+    right, diagonal = right + 0.5 * screen, screen + settings.hull
+    right = right + settings.hull * (_in_hull(grid, points, settings.max_hull_points) & ~free)
     border = np.ones(grid.shape, np.bool_)
     border[1:-1, 1:-1, 1:-1] = False
-    return _outside_of_free(
-        _System(squares, diagonal, right, splat, areas), border, free, grid.shape
-    )
+    system = _System(squares, diagonal, right, splat, areas)
+    return _outside_of_free(system, border, free, grid.shape, settings)
 
 
-def _in_hull(grid: _Grid, points: Floats) -> Bools:
+def _in_hull(grid: _Grid, points: Floats, max_points: int) -> Bools:
     try:
-        planes = scipy.spatial.ConvexHull(
-            points[:: max(1, len(points) // COARSE_SOLIDS.max_hull_points)]
-        ).equations
+        planes = scipy.spatial.ConvexHull(points[:: max(1, len(points) // max_points)]).equations
     except scipy.spatial.QhullError:  # all in one plane
         return np.zeros(grid.shape, np.bool_)
     x, y, z = (low + grid.step * np.arange(n) for low, n in zip(grid.low, grid.shape, strict=True))
@@ -211,26 +214,30 @@ class _System(NamedTuple):
 
 
 def _outside_of_free(
-    system: _System, active: Bools, free: Bools, shape: tuple[int, ...]
+    system: _System, active: Bools, free: Bools, shape: tuple[int, ...], settings: CoarseSettings
 ) -> tuple[Floats, float]:
     """The function with free voxels outside, and its level; only those inside are pulled."""
     chi, target = None, np.zeros(shape)
-    for turn in range(COARSE_SOLIDS.free_rounds):
-        diagonal = system.diagonal + COARSE_SOLIDS.free_weight * active
-        right = system.right + COARSE_SOLIDS.free_weight * active * target
-        chi = _conjugate_gradients(system.squares, diagonal, right, chi)
+    for turn in range(settings.free_rounds):
+        diagonal = system.diagonal + settings.free_weight * active
+        right = system.right + settings.free_weight * active * target
+        chi = _conjugate_gradients(system.squares, diagonal, right, chi, settings)
         level = system.level(chi)
-        wrong = free & (chi > level - COARSE_SOLIDS.free_margin) & ~active
-        if turn == COARSE_SOLIDS.free_rounds - 1 or wrong.sum() < COARSE_SOLIDS.max_wrong_voxels:
+        wrong = free & (chi > level - settings.free_margin) & ~active
+        if turn == settings.free_rounds - 1 or wrong.sum() < settings.max_wrong_voxels:
             break
-        target = np.where(wrong, level - COARSE_SOLIDS.free_target, target)
+        target = np.where(wrong, level - settings.free_target, target)
         active = active | wrong
     assert chi is not None
     return chi, level
 
 
 def _conjugate_gradients(
-    squares: Floats, diagonal: Floats, right: Floats, start: Floats | None
+    squares: Floats,
+    diagonal: Floats,
+    right: Floats,
+    start: Floats | None,
+    settings: CoarseSettings,
 ) -> Floats:
     shape = right.shape
     mean = float(diagonal.mean()) + 1e-9
@@ -245,10 +252,10 @@ def _conjugate_gradients(
 
     chi = solve(right) if start is None else start
     residual = right - apply(chi)
-    enough = COARSE_SOLIDS.residual * float(np.linalg.norm(right))
+    enough = settings.residual * float(np.linalg.norm(right))
     turned = solve(residual)
     direction, product = turned, float((residual * turned).sum())
-    for _ in range(COARSE_SOLIDS.max_steps):
+    for _ in range(settings.max_steps):
         if float(np.linalg.norm(residual)) <= enough:
             break
         image = apply(direction)

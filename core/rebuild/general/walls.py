@@ -29,11 +29,8 @@ class WallSettings:
     ratio: float = 1.25  # of one cell size to the next: so that a few touches do not change it
 
 
-WALLS = WallSettings()
-
-
 def wall_thickness(
-    contacts: ContactPoints, most: float, settings: WallSettings = WALLS
+    contacts: ContactPoints, most: float, settings: WallSettings = WallSettings()
 ) -> float | None:
     """Thickness of the thinnest walls [m], a low quantile; None where few points lie on walls.
 
@@ -62,7 +59,9 @@ def wall_thickness(
     return float(np.quantile(nearest, settings.thinnest, method="lower"))
 
 
-def wall_cell(contacts: ContactPoints, cell: float, settings: WallSettings = WALLS) -> float:
+def wall_cell(
+    contacts: ContactPoints, cell: float, settings: WallSettings = WallSettings()
+) -> float:
     """Edge of cells [m] that resolve the walls touched on both sides, at most `cell`."""
     thickness = wall_thickness(contacts, 2.0 * cell, settings)
     if thickness is None or settings.cells * thickness >= cell:

@@ -150,7 +150,7 @@ def test_uncertainty_is_stated_by_height_or_vertex_and_written(tetrahedron, tmp_
     assert b"uncertainty" not in (tmp_path / "mesh.ply").read_bytes()
 
 
-def test_arrays_of_model_are_read_without_pickle(tetrahedron, tmp_path):
+def test_arrays_of_model_are_read_without_pickle_beside_the_solid_itself(tetrahedron, tmp_path):
     mesh_file.export_model(tetrahedron, tmp_path)
     with np.load(tmp_path / "model.npz", allow_pickle=False) as stored:
         arrays = dict(stored)
@@ -167,9 +167,6 @@ def test_arrays_of_model_are_read_without_pickle(tetrahedron, tmp_path):
     assert names - unknown | tables == set(arrays)
     assert palpate.load(tmp_path / "model.npz").volume == pytest.approx(1e-6)
     assert repr(palpate.load(tmp_path)) == "<MeshSolid 0.01 x 0.02 x 0.03 m, of 4 triangles>"
-
-
-def test_solid_itself_lies_beside_the_arrays(tetrahedron, tmp_path):
     turn = 2 * np.pi * np.arange(24) / 24
     rings = [np.column_stack([np.cos(turn), np.sin(turn), 0 * turn + z]) for z in range(5)]
     solid = palpate.reconstruct(rings, method="skin")
@@ -181,13 +178,10 @@ def test_solid_itself_lies_beside_the_arrays(tetrahedron, tmp_path):
         np.testing.assert_array_equal(arrays["vertices"], tetrahedron.vertices)
 
 
-def test_model_without_a_surface_leaves_no_mesh(tetrahedron, tmp_path):
+def test_fingerprint_sees_the_surface_alone_and_without_one_there_is_no_mesh(tetrahedron, tmp_path):
     empty = replace(tetrahedron, vertices=np.zeros((0, 3)), faces=np.zeros((0, 3), np.int32))
     assert mesh_file.export_model(empty, tmp_path) == ("model.npz",)
     assert [path.name for path in tmp_path.iterdir()] == ["model.npz"]
-
-
-def test_fingerprint_sees_every_bit_of_the_surface_alone(tetrahedron):
     moved = tetrahedron.vertices.copy()
     moved[0, 0] = np.nextafter(moved[0, 0], 1.0)
     others = [{"vertices": moved}, {"faces": tetrahedron.faces[::-1].copy()}]

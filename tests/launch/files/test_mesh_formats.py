@@ -3,13 +3,9 @@
 import numpy as np
 import pytest
 
+from palpate.core.geometry import solidity
 from palpate.launch.files.mesh_file import READERS
 from tests.launch.files.samples import FACES, GLTF, HELD, MESHES, VERTICES, glb
-
-
-def volume(vertices, faces):
-    a, b, c = vertices[faces].transpose(1, 0, 2)
-    return float(np.einsum("ij,ij->", a, np.cross(b, c))) / 6.0
 
 
 @pytest.mark.parametrize("name", MESHES)
@@ -20,7 +16,9 @@ def test_every_format_gives_the_surface_that_was_written(name):
     corners = mesh.vertices[mesh.faces] - raised
     if name == "mixed.ply":  # its quadrilateral may be cut along the other diagonal
         assert len(mesh.faces) == len(FACES)
-        assert volume(mesh.vertices, mesh.faces) == pytest.approx(volume(VERTICES, FACES), rel=0.01)
+        assert solidity(*mesh[:2]).volume == pytest.approx(
+            solidity(VERTICES, FACES).volume, rel=0.01
+        )
     else:  # coordinates are rounded to 1e-4 mm, or to single precision
         assert corners == pytest.approx(VERTICES[FACES], abs=1e-4)
 
@@ -42,15 +40,14 @@ def test_obj_indices_count_from_one_or_backwards(text, faces):
 
 def test_colours_and_line_ends_are_ignored():
     obj = READERS["obj"](b"v 0 0 0 1 0 0\r\nv 1 0 0 0.5 0 0\r\nv 0 1 0 1 1 1\r\nf 1 2 3\r\n")
-    off = READERS["off"](
-        b"COFF 3 1 0\n0 0 0 255 0 0 255\n1 0 0 0 0 0 0\n0 1 0 0 0 0 0\n3 0 1 2 9\n"
-    )
+    text = b"COFF 3 1 0\n0 0 0 255 0 0 255\n1 0 0 0 0 0 0\n0 1 0 0 0 0 0\n3 0 1 2 9\n"
+    off = READERS["off"](text)
     for mesh in (obj, off):
         np.testing.assert_array_equal(mesh.vertices, [[0, 0, 0], [1, 0, 0], [0, 1, 0]])
         assert mesh.faces.tolist() == [[0, 1, 2]]
 
 
-def test_glb_nodes_transform_their_mesh():
+def test_glb_nodes_transform_repeat_and_mirror_their_mesh():
     turn = {"children": [1], "rotation": [0.0, 0.0, 0.5**0.5, 0.5**0.5], "scale": [2.0, 2.0, 2.0]}
     place = np.eye(4)
     place[:3, 3] = [100.0, 0.0, 0.0]
@@ -60,17 +57,12 @@ def test_glb_nodes_transform_their_mesh():
     # First 100 mm along x, then twice as large and turned about z, from x to y.
     np.testing.assert_allclose(mesh.vertices.mean(axis=0), [0.0, 200.0, 0.0], atol=1e-3)
     np.testing.assert_allclose(np.ptp(mesh.vertices, axis=0), [100.0, 120.0, 160.0], rtol=1e-2)
-
-
-def test_glb_scene_repeats_and_mirrors_meshes():
     mirrored = {"mesh": 0, "translation": [200.0, 0.0, 0.0], "scale": [-1.0, 1.0, 1.0]}
     nodes = [{"mesh": 0}, mirrored, {"mesh": 0, "translation": [9e9, 0.0, 0.0]}]
     single = READERS["glb"](MESHES["plain.glb"])
     data = changed(nodes=nodes, scenes=[{"nodes": [2]}, {"nodes": [0, 1]}], scene=1)
     mesh = READERS["glb"](data + b"\n")
-    assert volume(mesh.vertices, mesh.faces) == pytest.approx(
-        2.0 * volume(single.vertices, single.faces)
-    )
+    assert solidity(*mesh[:2]).volume == pytest.approx(2.0 * solidity(*single[:2]).volume)
     assert mesh.notes == ("2 pieces put together", "1 byte after its end ignored")
 
 

@@ -36,7 +36,7 @@ def test_table_gives_its_contours_in_order(write, mark):
     assert table.normals is None and table.taxels is None
 
 
-def test_normals_and_touches_are_read_among_other_columns(write):
+def test_normals_and_touches_are_read_and_points_not_finite_left_out(write):
     text = "x,y,z,contour,colour,nx,ny,nz,touch\n0,1,2,0,red,1,0,0,4\n3,4,5,0,blue,0,1,0,5\n"
     table = read_points(write("a.csv", text))
     assert table.normals is not None and table.taxels is not None
@@ -44,9 +44,6 @@ def test_normals_and_touches_are_read_among_other_columns(write):
     assert table.taxels.touch.tolist() == [0, 1]
     assert table.taxels.points.tolist() == [[0, 1, 2], [3, 4, 5]]
     assert table.scaled(0.1).taxels.points.max() == pytest.approx(0.5)  # type: ignore[union-attr]
-
-
-def test_points_not_finite_are_left_out_by_line(write):
     lines = ["x,y,z,contour"] + [f"{i},nan,0,0" if i % 3 else f"{i},1,0,0" for i in range(12)]
     table = read_points(write("a.csv", "\n".join(lines)))
     assert len(table.contours[0]) == 4
@@ -73,7 +70,7 @@ def test_bad_table_is_refused_with_its_line(write, text, words):
         read_points(write("a.csv", text))
 
 
-def test_file_without_text_or_points_is_refused(tmp_path):
+def test_file_without_text_or_points_is_refused_and_tops_are_a_table(tmp_path, write):
     (tmp_path / "a.csv").write_bytes(b"x,y,z\n1,2,3\n\xff\xfe\n")
     with pytest.raises(InputError, match=r"a\.csv:3: is no text in UTF-8"):
         read_points(tmp_path / "a.csv")
@@ -87,6 +84,10 @@ def test_file_without_text_or_points_is_refused(tmp_path):
         read_points(tmp_path / "b.csv")
     with pytest.raises(InputError, match=r"topics.mcap"):
         read_points(tmp_path)
+    tops = read_tops(write("t.csv", "0 0 5\n0 0 -1\n"))
+    assert tops.tolist() == [[0, 0, 5], [0, 0, -1]]
+    with pytest.raises(InputError, match="holds no points that are finite"):
+        read_tops(write("u.csv", "0 0 nan\n"))
 
 
 def test_arrays_give_contours_in_each_of_three_forms(tmp_path):
@@ -135,9 +136,8 @@ def test_numbers_of_contours_and_touches_are_whole(tmp_path, name, wrong):
 
 
 def read_cloud(folder, points):
-    np.savetxt(
-        folder / "cloud.csv", points, fmt="%.17g", delimiter=",", header="x,y,z", comments=""
-    )
+    how = {"fmt": "%.17g", "delimiter": ",", "header": "x,y,z", "comments": ""}
+    np.savetxt(folder / "cloud.csv", points, **how)
     return read_points(folder / "cloud.csv")
 
 
@@ -196,18 +196,8 @@ def test_cloud_without_repeated_heights_is_refused(z, tmp_path):
         read_cloud(tmp_path, np.column_stack([places, z]))
 
 
-def test_tops_are_read_from_a_table(write):
-    tops = read_tops(write("t.csv", "0 0 5\n0 0 -1\n"))
-    assert tops.tolist() == [[0, 0, 5], [0, 0, -1]]
-    with pytest.raises(InputError, match="holds no points that are finite"):
-        read_tops(write("u.csv", "0 0 nan\n"))
-
-
-TOPICS = {
-    kind: topic
-    for topic, (kind, _) in NODE.inputs.items()
-    if topic not in ("/model/goal", "/hand/contacts")
-}
+OTHERS = ("/model/goal", "/hand/contacts")  # of which points are no part
+TOPICS = {kind: topic for topic, (kind, _) in NODE.inputs.items() if topic not in OTHERS}
 WORLD = World(platform=-0.3, reach=0.15, fingers=1, seed=0)
 TILTED = np.array([0.01, 0.0, 0.05, 0.6, 0.0, 0.0, 0.8])  # leaning by 73.7 degrees
 
@@ -239,7 +229,7 @@ def patch(goal, touch, points):
     return example(SurfacePatch, goal=goal, touch=touch, **about)
 
 
-def test_recording_gives_the_contours_that_the_plan_ended_with(tmp_path):
+def test_recording_gives_the_contours_of_its_plan_and_none_that_was_not_closed(tmp_path):
     traced = [contour(1), contour(2), contour(3)]
     probes = [probe(4), probe(5, "miss"), probe(6)]
     read = recorded(tmp_path, *traced, *probes, example(PlanDone, contours=(1, 3), probes=(4, 5)))
@@ -247,9 +237,6 @@ def test_recording_gives_the_contours_that_the_plan_ended_with(tmp_path):
     assert [one[0, 0] for one in read.contours] == pytest.approx([0.1, 0.3])
     assert read.tops is not None and read.tops.tolist() == [[0.0, 0.0, 4.0]]
     assert read.normals is not None and len(read.normals) == 2
-
-
-def test_contours_that_were_not_closed_are_left_out_or_refused(tmp_path):
     read = recorded(tmp_path, contour(1), contour(2, "stuck"))
     assert (read.places, read.tops) == (("contour 1",), None)
     assert "left out 1 contours that were not closed" in read.notes
@@ -264,24 +251,20 @@ def test_platform_is_a_touch_of_an_upright_object_alone(frame, tmp_path):
     upright = frame is IDENTITY_POSE
     read = recorded(tmp_path, contour(1, frame=frame), contour(2, frame=frame), WORLD)
     assert read.frame is not None and np.array_equal(read.frame, frame)
-    assert (None if read.tops is None else read.tops.tolist()) == (
-        [[0.0, 0.0, -0.3]] if upright else None
-    )
+    tops = None if read.tops is None else read.tops.tolist()
+    assert tops == ([[0.0, 0.0, -0.3]] if upright else None)
     notes = " ".join(read.notes)
     assert ("stands on its platform" in notes) == upright
     assert ("sliced along an axis that leans by 73.7 deg" in notes) == (not upright)
 
 
-def test_probes_touch_the_ends_and_the_frame_is_scaled(tmp_path):
+def test_probes_touch_the_ends_and_taxels_are_those_of_contours(tmp_path):
     traced = [contour(1, frame=TILTED), contour(2, frame=TILTED)]
     up, down = (Pose.from_array(TILTED).to_outer(np.array([[0.0, 0.0, z]]))[0] for z in (0.4, -0.2))
     probes = [replace(probe(i), point=one) for i, one in enumerate((up, down), 4)]
     read = recorded(tmp_path, *traced, *probes)
     assert read.tops is not None and read.tops == pytest.approx(np.array([up, down]))
     assert read.scaled(1000.0).frame == pytest.approx([10.0, 0.0, 50.0, 0.6, 0.0, 0.0, 0.8])
-
-
-def test_recording_gives_the_taxels_of_the_touches_of_its_contours(tmp_path):
     points = np.random.default_rng(0).normal(size=(3, 5, 3))
     patches = [patch(1, 4, points[0]), patch(2, 0, points[2]), patch(1, 7, points[1])]
     sensor = info_of(SensorSpec(), 1e-5)

@@ -66,15 +66,12 @@ def output_of(script, folder=None):
     return done.stdout.splitlines()
 
 
-def test_own_kinds_are_preloaded_once_and_no_module_of_users():
+def test_preloaded_server_has_own_kinds_is_light_and_has_no_socket_or_thread(monkeypatch):
     tracer, own = "palpate.nodes.tracer", "my_lab.denoise"
     modules = [tracer, own, tracer, "palpate.nodes.filter", "palpate.launch.run"]
     preloaded = preloaded_modules(modules)
     always = preloaded_modules([])
     assert preloaded == (*always, tracer, "palpate.nodes.filter")
-
-
-def test_preloaded_server_is_light_and_has_no_socket_or_thread(monkeypatch):
     monkeypatch.setenv("OPENBLAS_NUM_THREADS", "1")
     assert output_of(PRELOADED) == [
         "[]",
@@ -119,14 +116,11 @@ def test_first_signal_is_noted_and_handlers_are_restored(number):
     assert signal.getsignal(number) is before
 
 
-def test_ignored_hangup_stays_ignored():
+def test_ignored_hangup_and_signals_of_another_thread_are_left_alone():
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
     with Interrupts() as interrupts, signals_as_ctrl_c():
         os.kill(os.getpid(), signal.SIGHUP)
         assert interrupts.came is None
-
-
-def test_signals_of_another_thread_are_left_alone():
     seen: list[object] = []
 
     def look():

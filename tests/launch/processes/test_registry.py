@@ -22,14 +22,10 @@ def card(run, name="vase", folder="", started_in=""):
     )
 
 
-def announce(folder, made):
-    registry.Announcement(folder, made)
-
-
 def test_graph_runs_while_its_lock_is_held_and_card_readable(tmp_path):
     with registry.private_folder(tmp_path) as folder:
         assert registry.running_graphs(tmp_path) == []
-        announce(folder, card("ab01"))
+        registry.Announcement(folder, card("ab01"))
         assert [one.run for one in registry.running_graphs(tmp_path)] == ["ab01"]
     assert registry.running_graphs(tmp_path) == []
     with registry.private_folder(tmp_path) as folder:
@@ -57,12 +53,12 @@ def test_only_remains_of_killed_launchers_are_swept(name, age, files, announced,
     for file in files:
         (folder / file).touch()
     if announced:
-        announce(folder, card("dead", folder=str(run)))
+        registry.Announcement(folder, card("dead", folder=str(run)))
     for path in (*folder.iterdir(), folder):
         os.utime(path, (time.time() - age,) * 2)
     assert registry.running_graphs(tmp_path) == []
     with registry.private_folder(tmp_path) as first, registry.private_folder(tmp_path) as other:
-        announce(first, card("ab01"))
+        registry.Announcement(first, card("ab01"))
         assert registry.stale_folders(tmp_path) == [] and first.is_dir() and other.is_dir()
     registry.remove_stale_folders(tmp_path)
     assert folder.exists() != swept
@@ -77,12 +73,12 @@ def found(asked, folder):
         return str(error)
 
 
-def test_run_is_found_by_number_or_name(tmp_path):
+def test_run_is_found_by_number_name_or_working_directory(tmp_path, monkeypatch):
     assert "no graph of yours is running" in found(None, tmp_path)
     with registry.private_folder(tmp_path) as first, registry.private_folder(tmp_path) as other:
-        announce(first, card("ab01"))
+        registry.Announcement(first, card("ab01"))
         assert found(None, tmp_path) == "ab01"
-        announce(other, card("ac02", "egg"))
+        registry.Announcement(other, card("ac02", "egg"))
         for asked, words in (
             ("ab", "^ab01$"),
             ("egg", "^ac02$"),
@@ -91,9 +87,6 @@ def test_run_is_found_by_number_or_name(tmp_path):
             ("x", r"no running graph is called 'x'; .* ab01 \(vase\)"),
         ):
             assert re.search(words, found(asked, tmp_path))
-
-
-def test_graph_of_working_directory_is_preferred(tmp_path, monkeypatch):
     monkeypatch.delenv("PALPATE_GRAPH", raising=False)
     here, there = tmp_path / "here", tmp_path / "there"
     (here / "runs" / "1_vase").mkdir(parents=True)
@@ -105,7 +98,7 @@ def test_graph_of_working_directory_is_preferred(tmp_path, monkeypatch):
     ]
     with ExitStack() as stack:
         for entry in graphs:
-            announce(stack.enter_context(registry.private_folder(tmp_path)), entry)
+            registry.Announcement(stack.enter_context(registry.private_folder(tmp_path)), entry)
         meant = ((here, "ac02"), (here / "runs" / "1_vase", "ac02"), (tmp_path, "ad03"))
         for folder, number in (*meant, (there, "2 graphs run of this folder.*ab01.*ac02")):
             monkeypatch.chdir(folder)
@@ -121,16 +114,13 @@ def test_graph_of_working_directory_is_preferred(tmp_path, monkeypatch):
             assert found("ac", tmp_path) == "ac02"
 
 
-def test_private_folder_vanishes_with_its_content(tmp_path):
+def test_private_folder_is_made_where_its_path_is_short_and_vanishes(tmp_path, monkeypatch):
     with registry.private_folder(tmp_path) as folder:
         assert folder.stat().st_mode & 0o777 == 0o700
         (folder / "n0").touch()
     assert list(tmp_path.iterdir()) == []
     with registry.private_folder(tmp_path) as folder:
         shutil.rmtree(folder)  # somebody else has tidied up
-
-
-def test_runtime_folder_of_user_is_preferred_if_short_enough(tmp_path, monkeypatch):
     deep = tmp_path / ("x" * 110)
     deep.mkdir()
     for runtime, temporary, parent in (

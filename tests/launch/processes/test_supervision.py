@@ -25,7 +25,7 @@ from palpate.testing import example
 KILLED = "was killed by SIGKILL"
 
 
-def test_node_is_restarted_but_not_in_a_storm():
+def test_node_is_restarted_but_not_in_a_storm_or_twice_for_one_failure():
     restarts = process_table.RestartPolicy({"a": "restart", "b": "restart", "c": "stop"})
     answers = [restarts.refusal("a", KILLED, False, now) for now in (0.0, 1.0, 2.0, 9.0, 10.5)]
     storm = f"a {KILLED}, after it had been started again 3 times in 10 s"
@@ -33,9 +33,6 @@ def test_node_is_restarted_but_not_in_a_storm():
     assert restarts.refusal("b", KILLED, False, 3.0) is None
     assert restarts.refusal("c", "hung", False, 0.0) == "c hung"
     assert restarts.counts == {"a": 4, "b": 1, "c": 0}
-
-
-def test_node_that_fails_twice_of_the_same_is_not_restarted():
     restarts = process_table.RestartPolicy({"a": "restart"})
     failure = "failed while handling /in {} from b: ValueError: no"
     answers = [restarts.refusal("a", failure.format(n), True, 40.0 * n) for n in (7, 8)]
@@ -114,7 +111,7 @@ def test_exit_code_is_put_into_words(code, words):
 STATUS = example(NodeStatus, node="filter", messages=3, state="ending")
 
 
-def test_node_reports_ready_exiting_and_failed():
+def test_node_reports_ready_exiting_and_failed_and_long_silence_is_mentioned_once():
     table = NodeStatusTable(["filter"])
     assert table.receive("filter", {"kind": "ready"}) == []
     assert table.receive("filter", {"kind": "exiting", "status": encode(STATUS)}) == []
@@ -131,9 +128,6 @@ def test_node_reports_ready_exiting_and_failed():
         table.receive("spy", {"kind": "ready"})
     with pytest.raises(ValueError, match="not a NodeStatus"):
         table.receive("filter", {"kind": "exiting", "status": b""})
-
-
-def test_silence_longer_than_declared_is_mentioned_once():
     table = NodeStatusTable(["filter", "fit"], {"filter": 1.0, "fit": 120.0}, silence_limit=5.0)
     now, named = time.monotonic(), []
     for after in (0.0, 10.0, 10.0, 119.0, 121.0):
@@ -164,7 +158,7 @@ def answer(made, sent, consumed, now, waits=()):
     made.answer("hearer", number, MessageCounts({}, received, waits), now, 0.0)
 
 
-def test_graph_is_settled_by_two_equal_rounds_with_everything_consumed():
+def test_graph_is_settled_by_two_equal_rounds_or_asks_and_complains():
     assert not detector((3, 3)).settled
     assert detector((3, 3), (3, 3)).settled
     assert detector((3, 3), (3, 3)).still_for(2.0) == 2.0
@@ -173,9 +167,14 @@ def test_graph_is_settled_by_two_equal_rounds_with_everything_consumed():
     moved = detector((3, 3), (3, 3), (4, 4))
     assert not moved.settled and moved.still_for(3.0) == 0.0
     assert not detector((3, 3), (3, 3), forget=1).settled
-
-
-def test_only_nodes_without_an_answer_are_asked_again():
+    made = detector()
+    answer(made, 3, 1, 0.0, waits=("/world",))
+    assert made.complaints() == [
+        "hearer needs /world before anything else",
+        "hearer has consumed 1 of 3 on /talk from talker",
+    ]
+    answer(made, 0, 0, 1.0)
+    assert made.complaints() == ["hearer has received nothing on /talk (talker)"]
     made, counts = detector(), MessageCounts({"/talk": 3}, {})
     assert made.to_ask(0.0) == ["talker", "hearer"]
     made.answer("talker", 0, counts, 0.0, 0.0)
@@ -190,17 +189,6 @@ def test_only_nodes_without_an_answer_are_asked_again():
     for now in (1.0, 2.0):
         made.answer("talker", made.round, counts, now, 0.0)
     assert made.settled
-
-
-def test_complaints_name_who_waits_for_what():
-    made = detector()
-    answer(made, 3, 1, 0.0, waits=("/world",))
-    assert made.complaints() == [
-        "hearer needs /world before anything else",
-        "hearer has consumed 1 of 3 on /talk from talker",
-    ]
-    answer(made, 0, 0, 1.0)
-    assert made.complaints() == ["hearer has received nothing on /talk (talker)"]
 
 
 def served(processes, *asked, announcement=None):

@@ -27,7 +27,7 @@ def bodies(past: MessageLog, since: int = 0) -> list[int]:
     return [split_frame(one)[2][0] for one in past.since("/talk", since)]
 
 
-def test_frames_within_memory_need_no_file(tmp_path: Path):
+def test_frames_within_memory_need_no_file_and_promised_ones_are_made_if_asked_for(tmp_path: Path):
     past = log(tmp_path)
     for seq in range(10):
         past.add("/talk", frame(seq))
@@ -39,6 +39,22 @@ def test_frames_within_memory_need_no_file(tmp_path: Path):
     assert not (tmp_path / "past").exists()
     with pytest.raises(KeyError, match="/elsewhere"):
         past.count("/elsewhere")
+    made = []
+
+    def make() -> bytes:
+        made.append(1)
+        return frame(1)
+
+    past = log(tmp_path)
+    past.add("/talk", frame(0))
+    past.promise("/talk", make)
+    past.promise("/mute", make)
+    past.add("/talk", frame(2))
+    assert past.counts == {"/talk": 3, "/more": 0, "/mute": 1}
+    assert list(past.since("/talk", 2)) == [frame(2)] and not made
+    assert list(past.since("/talk", 0)) == [frame(0), frame(1), frame(2)]
+    assert list(past.since("/talk", 1)) == [frame(1), frame(2)] and made == [1]
+    past.close()
 
 
 @pytest.mark.parametrize("persistent", [False, True])
@@ -94,25 +110,6 @@ def test_frame_that_outlives_its_node_is_not_made_again(tmp_path: Path):
         again.close()
 
 
-def test_promised_frame_is_made_once_and_only_if_asked_for(tmp_path: Path):
-    made = []
-
-    def make() -> bytes:
-        made.append(1)
-        return frame(1)
-
-    past = log(tmp_path)
-    past.add("/talk", frame(0))
-    past.promise("/talk", make)
-    past.promise("/mute", make)
-    past.add("/talk", frame(2))
-    assert past.counts == {"/talk": 3, "/more": 0, "/mute": 1}
-    assert list(past.since("/talk", 2)) == [frame(2)] and not made
-    assert list(past.since("/talk", 0)) == [frame(0), frame(1), frame(2)]
-    assert list(past.since("/talk", 1)) == [frame(1), frame(2)] and made == [1]
-    past.close()
-
-
 def test_log_cut_anywhere_keeps_whole_records_and_goes_on(tmp_path: Path):
     past, path = log(tmp_path, persistent=True), tmp_path / "past"
     ends = []
@@ -148,17 +145,13 @@ def test_full_disk_is_told_by_log_and_journal(tmp_path: Path):
     past = log(tmp_path, persistent=True)
     past.add("/talk", frame(0))
     size = (tmp_path / "past").stat().st_size
-    with (
-        file_limit(size + 50),
-        pytest.raises(OSError, match="message log has no more room") as caught,
-    ):
+    words = "message log has no more room"
+    with file_limit(size + 50), pytest.raises(OSError, match=words) as caught:
         past.add("/talk", frame(1))
     past.close()
     assert caught.value.errno == errno.ENOSPC and log(tmp_path, persistent=True).count("/talk") == 1
-    with (
-        file_limit(100),
-        pytest.raises(OSError, match="journal of what was consumed has no more room"),
-    ):
+    words = "journal of what was consumed has no more room"
+    with file_limit(100), pytest.raises(OSError, match=words):
         Journal(tmp_path / "j", EDGES).note("a", "/one", 0)
 
 
@@ -194,7 +187,7 @@ def test_journal_entry_that_was_cut_off_is_written_anew(tmp_path: Path, left: in
         assert Journal(path, EDGES).before[1:] == (Consumed("b", "/two", 7),)
 
 
-def test_lines_of_parameters_outlive_the_node_without_a_cut_one(tmp_path: Path):
+def test_parameters_without_a_cut_line_and_progress_of_a_source_outlive_the_node(tmp_path: Path):
     for end, name in (("c", "j0c"), ("o", "j0o")):
         first = ParameterLog(tmp_path / "j0", end)
         first.note(b"one")
@@ -208,9 +201,6 @@ def test_lines_of_parameters_outlive_the_node_without_a_cut_one(tmp_path: Path):
         again.close()
         assert file.read_bytes() == b"one\ntwo\nthree\n"
     assert sorted(os.listdir(tmp_path)) == ["j0c", "j0o"]
-
-
-def test_progress_of_a_source_goes_on_where_it_was(tmp_path: Path):
     first = SourceProgress(tmp_path / "tally")
     assert (first.number, first.paused) == (0, None)
     for _ in range(3):

@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -84,11 +85,10 @@ def bodies(reader: TapReader) -> list[bytes]:
     return collected
 
 
-def test_message_travels_between_nodes_and_effects_come_after_causes(run: Run):
+def test_messages_travel_between_nodes_and_words_between_launcher_and_node(run: Run):
     talker = run.talker(place={"ahead_ns": 1 << 61})
-    hearer = run.node(
-        "hearer", subscriptions={"talker": ["/world"]}, publications={"/back": ("x",)}
-    )
+    ends: dict[str, Any] = {"publications": {"/back": ("x",)}}
+    hearer = run.node("hearer", subscriptions={"talker": ["/world"]}, **ends)
     for number in range(3):
         talker.send("/world", b"%d" % number, 0.5, 9, outside=number == 1)
     until(lambda: hearer.subscriber.in_step, talker, hearer)
@@ -102,17 +102,13 @@ def test_message_travels_between_nodes_and_effects_come_after_causes(run: Run):
     assert first.header.run == 7
     hearer.send("/back", b"", 0.0, 9)
     assert hearer.publisher.latest_ns > rest[1].header.sent_ns > 1 << 61
-
-
-def test_words_go_both_ways_between_launcher_and_node(run: Run):
-    node = run.node("talker")
-    assert run.launcher.receive() is None and node.line.receive() is None
-    node.line.send("ready")
+    assert run.launcher.receive() is None and talker.line.receive() is None
+    talker.line.send("ready")
     assert run.launcher.socket.poll(5000)
     assert run.launcher.receive() == ("talker", {"kind": "ready"})
     assert run.launcher.send("talker", "count", round=3)
-    assert node.wait(5000) == (False, True)
-    assert node.line.receive() == {"kind": "count", "round": 3}
+    assert talker.wait(5000) == (False, True)
+    assert talker.line.receive() == {"kind": "count", "round": 3}
     assert not run.launcher.send("absent", "go")
 
 
@@ -320,6 +316,9 @@ def test_key_locks_sockets_of_a_network(tmp_path: Path):
     endpoint = server.socket.getsockopt(zmq.LAST_ENDPOINT).decode()
     stranger = ControlClient(wrong.context, endpoint, name="stranger")
     friend = ControlClient(locked.context, endpoint, name="friend")
+    keyless = zmq.Context.instance().socket(zmq.DEALER)
+    keyless.connect(endpoint)
+    keyless.send(msgpack.packb({"kind": "ready"}))
     for client in (stranger, friend):
         client.send("ready")
     assert server.socket.poll(10_000)
@@ -327,32 +326,30 @@ def test_key_locks_sockets_of_a_network(tmp_path: Path):
     assert not server.socket.poll(100)
     for client in (server, friend):
         client.close()
-    stranger.socket.close(0)
+    for closed in (stranger.socket, keyless):
+        closed.close(0)
     locked.close()
     wrong.close()
-    words = r"tcp://.* cannot be used without a key"
-    with (
-        zmq.Context() as plain,
-        plain.socket(zmq.SUB) as end,
-        pytest.raises(ValueError, match=words),
-    ):
-        bus.bind(end, "tcp://127.0.0.1:5555")
+    with zmq.Context() as plain:
+        for end in (bus.ControlServer, partial(ControlClient, name="keyless")):
+            with pytest.raises(ValueError, match=r"tcp://.* cannot be used without a key"):
+                end(plain, "tcp://127.0.0.1:5555")
 
 
 def test_file_without_a_usable_key_is_refused(tmp_path: Path):
     good = tmp_path / "good"
     bus.make_key(good)
     half = good.read_text().partition("secret-key")[0]
-    cases = {
-        "absent": (None, "cannot be used: No such file"),
-        "empty": ("", "cannot be used: "),
-        "public": (half, "cannot be used: it holds no key pair"),
-        "open": (good.read_text(), "can be read by others; run chmod 600"),
-    }
-    for name, (text, words) in cases.items():
-        path = tmp_path / name
+    short = 'curve\n    public-key = "short"\n    secret-key = "short"\n'
+    path = tmp_path / "key"
+    for text, words in (
+        (None, "cannot be used: No such file"),
+        *((odd, "cannot be used: ") for odd in ("", "\0", "curve\n", short)),
+        (half, "cannot be used: it holds no key pair"),
+        (good.read_text(), "can be read by others; run chmod 600"),
+    ):
         if text is not None:
             path.write_text(text)
-            path.chmod(0o644 if name == "open" else 0o600)
+            path.chmod(0o644 if words.startswith("can be read") else 0o600)
         with pytest.raises(ValueError, match=f"key {path} {words}"):
             bus.SocketContext(str(path))

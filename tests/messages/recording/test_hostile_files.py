@@ -90,6 +90,7 @@ def channel(number: int, topic: str) -> Channel:
 
 WORLD = Schema(1, b"{}", "jsonschema", "World")
 CHANNEL = built(WORLD, channel(1, "/world"))
+OTHER_TOPIC, OTHER_TYPE = CHANNEL.replace(b"/world", b"/other"), CHANNEL.replace(b"World", b"Other")
 EMPTY = frame(Opcode.MESSAGE, b"")
 SMALLEST = frame(Opcode.MESSAGE, struct.pack("<HIQQ", 1, 0, 0, 0) + b"\x80")
 NONES = lz4.frame.compress(bytes(999))
@@ -131,14 +132,8 @@ def bombs() -> dict[str, tuple[bytes, str]]:
         "bare message": (SMALLEST, "has a message outside of its chunks"),
         "index": (frame(Opcode.MESSAGE_INDEX, struct.pack("<HI", 1, 8)), "ends within a field"),
         "long index": (frame(Opcode.MESSAGE_INDEX, bytes(9)), "an index of messages has another"),
-        "twice": (
-            packed(CHANNEL + CHANNEL.replace(b"/world", b"/other")),
-            "declares channel 1 in two ways",
-        ),
-        "two schemas": (
-            packed(CHANNEL + CHANNEL.replace(b"World", b"Other")),
-            "declares schema 1 in two ways",
-        ),
+        "twice": (packed(CHANNEL + OTHER_TOPIC), "declares channel 1 in two ways"),
+        "two schemas": (packed(CHANNEL + OTHER_TYPE), "declares schema 1 in two ways"),
         "escape": (packed(CHANNEL.replace(b"/world", b"/\x1b[31m")), r"'/\x1b[31m'... is no name"),
         "long name": (packed(built(WORLD, channel(1, "/" + "x" * 256))), "xx'... is no name"),
         "no text": (packed(CHANNEL.replace(b"/world", b"/\xff\xff\xff\xff\xff")), "is not Unicode"),

@@ -94,13 +94,7 @@ def source(*published: object) -> Source:
     (SPOILING, [("/in", IMAGE)], None, ValueError, "read-only"),
     (source(), [("/in", line("a"))], None, ValueError, "a source subscribes to nothing"),
     (source(Timed(0.0, "/x", line(""))), [], None, ContractError, "/x, .*; it declares /out"),
-    (
-        source(Timed(0.0, "/out", example(World))),
-        [],
-        None,
-        ContractError,
-        "published a World on /out, declared as LogRecord",
-    ),
+    (source(Timed(0.0, "/out", example(World))), [], None, ContractError, "published a World on"),
 )
 def test_what_the_runtime_would_refuse_is_refused(node, received, params, error, words):
     with pytest.raises(error, match=words):
@@ -108,12 +102,8 @@ def test_what_the_runtime_would_refuse_is_refused(node, received, params, error,
 
 
 def test_source_is_driven_to_its_end_without_waiting():
-    made = [
-        Timed(0.0, "/out", line("a")),
-        None,
-        Timed(60.0, "/out", encode(line("b"))),
-        Finished("e"),
-    ]
+    late = Timed(60.0, "/out", encode(line("b")))
+    made = [Timed(0.0, "/out", line("a")), None, late, Finished("e")]
     assert texts(drive(source(*made, Timed(1, "/x", 1)))) == ["a", "b", "e"]
     assert texts(drive(source(*made), most=1)) == ["a"]
 
@@ -135,16 +125,12 @@ def test_example_has_the_given_fields_and_plain_ones_otherwise():
     ([("/out", example(World))], r"expected a World on /out$"),
     ([Finished("a")], r"^0: published a LogRecord on /out, expected Finished\('a'\)$"),
     ([], r"^published 1, expected 0; more was published: a LogRecord on /out$"),
-    (
-        [("/out", line("a")), Finished("end")],
-        r"^published 1, expected 2; not published: Finished\('end'\)$",
-    ),
+    ([("/out", line("a")), Finished("end")], r"^.*expected 2; not published: Finished\('end'\)$"),
 )
 def test_first_difference_is_told(expected: list[Any], words: str):
     with pytest.raises(AssertionError, match=words):
         assert_same([("/out", line("a"))], expected)
-    same = [("/out", line("a")), Finished("done")]
-    assert_same(same, [("/out", line("a")), Finished("done")])
+    assert_same(*([("/out", line("a")), Finished("done")] for _ in range(2)))
     with pytest.raises(AssertionError, match=r"reach: published 0.0, expected -0.0"):
         assert_same(*([("/world", example(World, reach=value))] for value in (0.0, -0.0)))
 
@@ -196,7 +182,13 @@ def record(tmp_path: Path) -> Record:
     return make
 
 
-def test_node_fed_with_a_recording_publishes_what_was_recorded(record: Record):
+def only(topic: str) -> Any:
+    return {topic: curvature.NODE.inputs[topic]}
+
+
+def test_node_fed_with_a_recording_publishes_as_recorded_also_a_new_one(
+    record: Record,
+):
     path, own = record("filter"), replace(filter.NODE)
     published = feed(filter.NODE, path)
     images = sorted(recorded(path, "/f/image", TactileImage), key=lambda image: image.touch)
@@ -207,14 +199,8 @@ def test_node_fed_with_a_recording_publishes_what_was_recorded(record: Record):
     lower = messages_on(feed(filter.NODE, path, params={"contact": 50e-6}), "/touch/image")
     assert [int(image.mask.sum()) for image in lower] == [16, 16, 16]
     assert not messages_on(published, "/touch/image")[0].mask.any()
-
-
-def only(topic: str) -> Any:
-    return {topic: curvature.NODE.inputs[topic]}
-
-
-def test_node_that_was_not_there_receives_its_topics(record: Record):
     inputs = {**only("/touch/info"), "/f/image": curvature.NODE.inputs["/touch/image"]}
+    path.unlink()
     patches = messages_on(feed(replace(curvature.NODE, inputs=inputs), record()), "/touch/patch")
     assert [patch.touch for patch in patches] == [0, 1, 2]
 

@@ -9,15 +9,22 @@ from typing import Any
 import numpy as np
 import pytest
 
+from palpate.core.archive import tree_to_arrays
 from palpate.core.arrays import Floats
 from palpate.core.geometry import solidity
 from palpate.core.poses import Pose, rotations_from_vectors
 from palpate.core.rebuild.contours import ContactPoints
-from palpate.core.rebuild.general import GeneralSolid, oriented, protrusions, rebuild_general
+from palpate.core.rebuild.general import (
+    DEFAULT_GENERAL,
+    GeneralSolid,
+    oriented,
+    protrusions,
+    rebuild_general,
+)
 from palpate.core.rebuild.general.band import basis_rows, cell_integrals
 from palpate.core.rebuild.general.fitting import Start, TouchedPoints, fit_implicit
 from palpate.core.rebuild.general.leave_out import LeaveOutSettings, leave_out
-from palpate.core.rebuild.general.rebuilding import GridSettings, least_cell
+from palpate.core.rebuild.general.rebuilding import least_cell
 from palpate.core.rebuild.general.solid import cell_weights
 from tests.core.rebuild.objects import contacts, only, rms
 
@@ -229,6 +236,27 @@ def test_what_stands_is_cut_off_level_at_its_platform():
     assert np.hypot(foot[:, 0], foot[:, 1]).max() == pytest.approx(0.02, abs=2e-4)
 
 
+def test_solids_of_two_settings_stand_beside_each_other():
+    spline = replace(DEFAULT_GENERAL.spline, cell=CELL, pose=1e-5)
+    errors = replace(DEFAULT_GENERAL.errors, bound_factor=2.0 * DEFAULT_GENERAL.errors.bound_factor)
+    settings = replace(DEFAULT_GENERAL, spline=spline, errors=errors)
+    solid = rebuild_general(torus_touches(), settings=settings)
+    assert np.array_equal(solid.mesh().vertices, torus().mesh().vertices)
+    places = torus().mesh().vertices
+    errors_and_bounds = torus().expected_errors(places), solid.expected_errors(places)
+    (usual, bounds), (same, doubled) = errors_and_bounds
+    assert np.array_equal(same, usual) and doubled == pytest.approx(2.0 * bounds)
+    touch = ContactPoints.of_touch(places[:3], torus().evaluate(places[:3])[1])
+    assert solid.update(touch).settings == settings != torus().settings
+
+
+def test_solid_of_other_settings_is_not_stored():
+    walls = replace(DEFAULT_GENERAL.walls, cells=0.5)
+    solid = replace(torus(), settings=replace(DEFAULT_GENERAL, walls=walls))
+    with pytest.raises(ValueError, match="solid/settings cannot be stored: it is not the default"):
+        tree_to_arrays(solid)
+
+
 def test_contacts_without_a_solid_are_refused():
     touched = torus_touches()
     for wrong in (touched._replace(normals=None), only(touched, slice(0))):
@@ -291,7 +319,7 @@ def test_splines_sum_to_one_and_integrals_are_exact():
 def test_cells_are_as_large_as_memory_asks(radius: float):
     at = np.random.default_rng(0).normal(size=(4000, 3))
     at *= radius / np.linalg.norm(at, axis=1, keepdims=True)
-    cell, settings = least_cell(at), GridSettings()
+    cell, settings = least_cell(at), DEFAULT_GENERAL.grid
     assert 8.0 * np.pi * (radius / cell) ** 2 <= 1.01 * settings.max_cells
     assert (2.0 * radius / cell) ** 3 <= settings.max_voxels
     assert (cell < 4e-3) == (radius < 0.1)
