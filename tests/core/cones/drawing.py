@@ -84,21 +84,15 @@ class Cone:
         x, y = self.semi_axes * [-np.sin(turn), np.cos(turn)]
         normal = np.cross(ray, self.rotation @ [x, y, 0.0])
         normal *= -np.sign(normal @ self.rotation @ [*self.middle, -1.0])
-        return Feature(
-            group="P",
-            point=self.apex + depth * ray,
-            direction=ray / np.linalg.norm(ray),
-            normals=normal[None] / np.linalg.norm(normal),
-            curvature=1.0 / (depth * self.semi_axes.min()),
-            **known,
-        )
+        known |= {"direction": ray / np.linalg.norm(ray), "normals": normal[None]}
+        known["normals"] /= np.linalg.norm(normal)
+        curvature = 1.0 / (depth * self.semi_axes.min())
+        return Feature(group="P", point=self.apex + depth * ray, curvature=curvature, **known)
 
     def features(self, names: Sequence[str], **options: bool) -> list[Feature]:
         """Different features with these names, anywhere on the cone."""
-        return [
-            self.feature(name, names[:i].count(name), 0.3 + 0.15 * i, **options)
-            for i, name in enumerate(names)
-        ]
+        numbered = [(name, names[:i].count(name), 0.3 + 0.15 * i) for i, name in enumerate(names)]
+        return [self.feature(*one, **options) for one in numbered]
 
 
 def draw_cone(rng: np.random.Generator, beside: float = 0.0) -> Cone:
@@ -124,31 +118,25 @@ def cones(count: int = 8) -> list[Cone]:
     return [draw_cone(rng) for _ in range(count)]
 
 
+def displaced(feature: Feature, turn: Floats, shift: Floats) -> Feature:
+    """The feature after a rigid motion."""
+    direction = None if feature.direction is None else turn @ feature.direction
+    point, normals = turn @ feature.point + shift, feature.normals @ turn.T
+    return replace(feature, point=point, direction=direction, normals=normals)
+
+
 def moved(features: Sequence[Feature], turn: Floats, shift: Floats) -> list[Feature]:
     """The same features after a rigid motion."""
-    return [
-        replace(
-            feature,
-            point=turn @ feature.point + shift,
-            direction=None if feature.direction is None else turn @ feature.direction,
-            normals=feature.normals @ turn.T,
-        )
-        for feature in features
-    ]
+    return [displaced(feature, turn, shift) for feature in features]
 
 
 def noisy(features: Sequence[Feature], rng: np.random.Generator) -> list[Feature]:
     """The same features, with errors of 1 degree in directions and 0.1 mm in points."""
-
-    def turned(vector: Floats) -> Floats:
-        return Rotation.from_rotvec(ANGLE * rng.normal(size=3)).apply(vector)
-
-    return [
-        replace(
-            feature,
-            point=feature.point + POSITION * rng.normal(size=3),
-            direction=None if feature.direction is None else turned(feature.direction),
-            normals=turned(feature.normals) if feature.group == "F" else feature.normals,
-        )
-        for feature in features
-    ]
+    result = []
+    for feature in features:
+        point = feature.point + POSITION * rng.normal(size=3)
+        turn = Rotation.from_rotvec(ANGLE * rng.normal(size=3)).as_matrix()
+        other = displaced(feature, turn, np.zeros(3))
+        normals = other.normals if feature.group == "F" else feature.normals
+        result.append(replace(other, point=point, normals=normals))
+    return result

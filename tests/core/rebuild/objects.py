@@ -23,11 +23,18 @@ def circle(count: int) -> Floats:
     return polar(np.arange(count) / count, 1.0)
 
 
-def polar(turns: Floats, radius: Floats | float) -> Floats:
+def polar(turns: Floats, radius: Floats | float = 1.0) -> Floats:
     """Points (k, 2) at polar angles [turns] and distances from the origin."""
     angle = 2.0 * np.pi * turns
     rim = np.column_stack([np.cos(angle), np.sin(angle)])
     return np.asarray(np.asarray(radius).reshape(-1, 1) * rim)
+
+
+def along(polygon: Floats, turns: Floats) -> Floats:
+    """Points (k, 2) of a closed polygon (n, 2), at shares of its length."""
+    closed = np.vstack([polygon, polygon[:1]])
+    lengths = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(closed, axis=0), axis=1)))
+    return np.column_stack([np.interp(turns * lengths[-1], lengths, one) for one in closed.T])
 
 
 def at_height(plane: Floats, height: float) -> Floats:
@@ -79,6 +86,11 @@ def contacts(points: Floats, normals: Floats | None, touch: Any = None) -> Conta
     """Contact points, all of one touch unless numbered."""
     numbers = np.zeros(len(points)) if touch is None else touch
     return ContactPoints(points, normals, np.asarray(numbers, np.int32))
+
+
+def only(touched: ContactPoints, kept: Any) -> ContactPoints:
+    """Some of the contact points: those of a mask, or of a slice."""
+    return ContactPoints(*(np.asarray(field)[kept] for field in touched))
 
 
 def is_closed(solid: LatticeSolid, tolerance: float | None = None) -> bool:
@@ -194,12 +206,6 @@ SECTIONS: dict[str, Section] = {
 }
 
 
-def sampled(name: str, heights: Floats, count: int, noise: float = 0.0, seed: int = 0) -> Floats:
-    """Corresponding places (m, count, 2) at even parameters, with noise."""
-    grid = np.stack([SECTIONS[name](np.arange(count) / count, float(z)) for z in heights])
-    return grid + noise * np.random.default_rng(seed).normal(size=grid.shape)
-
-
 def curve_distances(rim: Floats, points: Floats) -> Floats:
     """Distances (n,) of points (n, 2) near a closed curve (k, 2), to its nearest tangents."""
     nearest = cKDTree(rim).query(points)[1]
@@ -209,30 +215,18 @@ def curve_distances(rim: Floats, points: Floats) -> Floats:
     return np.abs(across) / np.linalg.norm(ahead, axis=1)
 
 
-def section_distances(name: str, points: Floats) -> Floats:
-    """Distances (n,) of points (n, 3) from the object's section at their height."""
-    turns = np.arange(1600) / 1600
-    rims = [SECTIONS[name](turns, float(z)) for z in points[:, 2]]
-    pairs = zip(rims, points[:, None, :2], strict=True)
-    return np.concatenate([curve_distances(rim, one) for rim, one in pairs])
-
-
 class Traced:
     """Contours of an object with random starts, directions and numbers of points."""
 
-    def __init__(self, section: Section | str, seed: int = 0):
-        self.section = SECTIONS[section] if isinstance(section, str) else section
-        self.rng = np.random.default_rng(seed)
+    def __init__(self, section: str):
+        self.section = SECTIONS[section]
+        self.rng = np.random.default_rng(0)
 
     def contour(self, height: float, points: int) -> Floats:
         """Points (n, 3) at even lengths, 0.8 to 1.25 times as many as `points`."""
-        around = self.section(np.arange(4000) / 4000, height)
-        closed = np.vstack([around, around[:1]])
-        lengths = np.linalg.norm(np.diff(closed, axis=0), axis=1)
-        ends = np.concatenate([[0.0], np.cumsum(lengths)])
         count = int(points * self.rng.uniform(0.8, 1.25))
-        at = np.mod(self.rng.uniform() + np.arange(count) / count, 1.0) * ends[-1]
-        traced = np.column_stack([np.interp(at, ends, closed[:, axis]) for axis in (0, 1)])
+        turns = np.mod(self.rng.uniform() + np.arange(count) / count, 1.0)
+        traced = along(self.section(np.arange(4000) / 4000, height), turns)
         return at_height(traced[::-1] if self.rng.uniform() < 0.5 else traced, height)
 
     def contours(self, heights: Floats, points: int, noise: float = 0.0) -> list[Floats]:

@@ -7,6 +7,7 @@ import pytest
 
 from palpate.core.arrays import Floats
 from palpate.core.rebuild import LatticeSolid, reconstruct
+from tests.core.rebuild import objects
 from tests.core.rebuild.objects import SECTIONS, at_height, circle, column, is_closed, polar, slow
 
 HALF = 50.0
@@ -16,9 +17,8 @@ VOLUME = 30.0**2 * np.pi * (1.0 + 0.1**2 / 2.0) * 2 * HALF  # of the lobed colum
 
 
 def ring(z: float, count: int = 60, radius: float = 30.0) -> Floats:
-    turn = 2 * np.pi * np.arange(count) / count
-    around = radius * (1.0 + 0.1 * np.cos(3 * turn + z / 50.0))
-    return at_height(around[:, None] * circle(count), z)
+    turns = np.arange(count) / count
+    return at_height(polar(turns, radius * (1.0 + 0.1 * np.cos(6 * np.pi * turns + z / 50.0))), z)
 
 
 def rings(count: int = 9, points: int = 60) -> list[Floats]:
@@ -102,11 +102,11 @@ def test_contour_that_is_point_touches_its_end(radius):
 
 @pytest.mark.parametrize(("count", "off"), [(1, 1e-3), (2, 0.01), (3, 5e-3), (5, 1e-3)])
 def test_few_contours_give_closed_solid(count, off):
-    solid = skin([ring(0.0)] if count == 1 else rings(count))
+    contours = [ring(0.0)] if count == 1 else rings(count)
+    solid, exact = skin(contours), skin(contours, noise=1.0)
     assert is_closed(solid)
     assert solid.volume == pytest.approx(VOLUME, rel=off)
     assert solid.health()["reparametrised"] == 0.0
-    exact = skin([ring(0.0)] if count == 1 else rings(count), noise=1.0)
     assert exact.health()["outlying_points"] == 0.0  # whatever noise is stated
 
 
@@ -163,8 +163,7 @@ def test_outlying_points_are_left_out_and_counted():
     contours = [contour + 0.2 * rng.normal(size=contour.shape) for contour in rings(9, 81)]
     clean = skin(contours)
     for contour, place in zip(contours, rng.integers(0, 81, 9), strict=True):
-        away = rng.normal(size=3) * [1.0, 1.0, 0.0]
-        contour[place] += 3.0 * away / np.linalg.norm(away)
+        contour[place, :2] += 3.0 * polar(rng.random(1), 1.0)[0]
     solid = skin(contours)
     assert 7.0 <= solid.health()["outlying_points"] <= 9.0
     assert clean.health()["outlying_points"] == 0.0
@@ -183,8 +182,7 @@ def test_noisy_mesh_stays_small_and_oscillating_side_closes():
 
 @pytest.mark.parametrize(("ratio", "count"), [(20.0, 200), (50.0, 24)])
 def test_thin_blade_has_its_volume(ratio, count):
-    angles = 2.0 * np.pi * np.arange(count) / count
-    plane = 50.0 * np.column_stack([np.cos(angles), np.sin(angles) / ratio])
+    plane = 50.0 * circle(count) * [1.0, 1.0 / ratio]
     solid = skin([at_height(plane, z) for z in HEIGHTS], None)
     assert solid.volume == pytest.approx(np.pi * 2500.0 / ratio * 98.0, rel=6e-3)
     assert solid.health()["outlying_points"] == 0.0
@@ -220,19 +218,17 @@ def test_stated_error_includes_points_of_tilted_contours():
     assert all_of_it.whole > 0.99 * expected
 
 
-def stack(corners: list[list[float]]) -> list[Floats]:
-    """Contours of a prism over a polygon, at even lengths."""
-    closed = np.array([*corners, corners[0]], float)
-    steps = np.linalg.norm(np.diff(closed, axis=0), axis=1)
-    lengths = np.concatenate([[0.0], np.cumsum(steps)])
-    at = lengths[-1] * np.arange(96) / 96
-    plane = np.column_stack([np.interp(at, lengths, closed[:, axis]) for axis in range(2)])
-    return [at_height(plane, z) for z in np.linspace(0.0, 5.0, 6)]
-
-
 def test_ends_of_clamp_fold_and_of_angle_do_not():
-    angle = stack([[0, 0], [4, 0], [4, 1], [1, 1], [1, 4], [0, 4]])
-    clamp = stack([[0, 0], [4, 0], [4, 1], [1, 1], [1, 3], [4, 3], [4, 4], [0, 4]])
+    angle, clamp = (
+        [
+            at_height(objects.along(np.array(corners), np.arange(96) / 96), z)
+            for z in np.linspace(0, 5, 6)
+        ]
+        for corners in (
+            [[0, 0], [4, 0], [4, 1], [1, 1], [1, 4], [0, 4]],
+            [[0, 0], [4, 0], [4, 1], [1, 1], [1, 3], [4, 3], [4, 4], [0, 4]],
+        )
+    )
     for tops in (None, [[1, 1, -1.0], [1, 1, 6.0]]):
         solid = skin(angle, tops)
         assert (solid.health()["folded_below"], solid.health()["folded_above"]) == (0.0, 0.0)
@@ -253,11 +249,8 @@ def test_any_contours_give_closed_solid_or_error():
     for trial in range(14):
         contours = []
         for _ in range(rng.integers(1, 8)):  # contours with random faults
-            turns, radius = (
-                np.sort(rng.random(rng.choice([0, 1, 3, 5, 24]))),
-                rng.choice([0, 1e-3, 1]),
-            )
-            plane = polar(turns, radius) + rng.choice([0.0, 0.0, 2.0])
+            turns = np.sort(rng.random(rng.choice([0, 1, 3, 5, 24])))
+            plane = polar(turns, rng.choice([0, 1e-3, 1])) + rng.choice([0.0, 0.0, 2.0])
             contour = at_height(plane, rng.integers(-3, 4))
             contour += rng.choice([0.0, 0.0, 0.01, 0.5]) * rng.normal(size=contour.shape)
             if len(contour) and rng.random() < 0.5:

@@ -3,6 +3,7 @@
 import sys
 from dataclasses import fields
 from types import SimpleNamespace
+from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
@@ -10,42 +11,30 @@ import trimesh
 
 import palpate
 from palpate.launch.files.source_map import InputError
+from tests.core.rebuild.general.test_general import RADIUS as RING, TUBE, torus_distance
+from tests.core.rebuild.objects import circle
 
 RADIUS, HEIGHT = 0.03, 0.06
-RING, TUBE = 0.028, 0.011
 
 
 @pytest.fixture(scope="module")
-def normals():
-    vectors = np.random.default_rng(0).normal(size=(300, 3))
-    return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
-
-
-@pytest.fixture(scope="module")
-def ball(normals):
+def ball():
+    normals = np.random.default_rng(0).normal(size=(300, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     return palpate.rebuild_general(RADIUS * normals, 2.0 * normals, cell=5e-3)
 
 
 @pytest.fixture(scope="module")
 def cylinder():
-    turn = 2.0 * np.pi * np.arange(24) / 24
-    ring = RADIUS * np.column_stack([np.cos(turn), np.sin(turn)])
     ends = np.array([[0.0, 0.0, -0.5 * HEIGHT], [0.0, 0.0, 0.5 * HEIGHT]])
-    return palpate.reconstruct([ring] * 3, tops=ends, heights=(-0.02, 0, 0.02), method="skin")
+    rings, heights = [RADIUS * circle(24)] * 3, (-0.02, 0, 0.02)
+    return palpate.reconstruct(rings, tops=ends, heights=heights, method="skin")
 
 
 @pytest.fixture(scope="module")
 def torus():
     mesh = trimesh.creation.torus(RING, TUBE, major_sections=192, minor_sections=96)
     return palpate.MeshSolid(mesh.vertices, mesh.faces)
-
-
-def ball_distance(points):
-    return np.linalg.norm(points, axis=1) - RADIUS
-
-
-def torus_distance(points):
-    return np.hypot(np.hypot(points[:, 0], points[:, 1]) - RING, points[:, 2]) - TUBE
 
 
 def cylinder_distance(points):
@@ -55,16 +44,11 @@ def cylinder_distance(points):
     return outside + np.minimum(np.maximum(beside, beyond), 0.0)
 
 
+AREA, WIDE = np.pi * RADIUS**2, 2.0 * np.pi * RADIUS  # of a section of ball and cylinder
 SHAPES = {
-    "ball": (ball_distance, 4.0 / 3.0 * np.pi * RADIUS**3, 4.0 * np.pi * RADIUS**2, 0, 5e-5),
+    "ball": (lambda x: np.linalg.norm(x, axis=1) - RADIUS, AREA * RADIUS / 0.75, 4 * AREA, 0, 5e-5),
     "torus": (torus_distance, 2 * np.pi**2 * RING * TUBE**2, 4 * np.pi**2 * RING * TUBE, 1, 2e-5),
-    "cylinder": (
-        cylinder_distance,
-        np.pi * RADIUS**2 * HEIGHT,
-        2.0 * np.pi * RADIUS * (HEIGHT + RADIUS),
-        0,
-        1e-5,
-    ),
+    "cylinder": (cylinder_distance, AREA * HEIGHT, WIDE * HEIGHT + 2.0 * AREA, 0, 1e-5),
 }
 
 
@@ -74,31 +58,28 @@ def shape(request):
     return (request.getfixturevalue(request.param), *SHAPES[request.param])
 
 
-def test_volume_area_and_genus_are_true(shape):
-    solid, _, volume, area, genus, _ = shape
+def test_measures_and_distances_are_true(shape):
+    solid, expected, volume, area, genus, tolerance = shape
     assert isinstance(solid, palpate.Solid)
     assert solid.volume == pytest.approx(volume, rel=2e-3)
     assert solid.area == pytest.approx(area, rel=2e-3)
     assert solid.genus == genus
     assert solid.check() == (True, True, genus, 0, 0)
-
-
-def test_signed_distances_are_true(shape):
-    solid, expected, *_, tolerance = shape
     points = np.random.default_rng(1).uniform(-0.06, 0.06, (150, 3))
     assert solid.signed_distance(points) == pytest.approx(expected(points), abs=tolerance)
     assert np.array_equal(solid.distance(points), np.abs(solid.signed_distance(points)))
     assert solid.signed_distance(np.zeros((0, 3))).shape == (0,)
-
-
-def test_normals_point_along_gradient_of_distance(shape):
-    solid, expected, *_ = shape
+    # Normals point along the gradient of the distance.
     points = np.random.default_rng(2).uniform(-0.06, 0.06, (500, 3))
     step = 1e-7 * np.eye(3)
     slopes = [(expected(points + one) - expected(points - one)) / 2e-7 for one in step]
     on_face = ~((np.hypot(*points[:, :2].T) > RADIUS) & (np.abs(points[:, 2]) > 0.5 * HEIGHT))
     off = np.linalg.norm(solid.normal(points) - np.column_stack(slopes), axis=1)
     assert np.quantile(off[on_face], 0.98) < 0.03  # elsewhere the closest point is a crease
+    for ask in (solid.distance, solid.signed_distance, solid.normal):
+        for wrong in ([[np.nan, 0.0, 0.0]], [0.0, 0.0, 0.0], [[0.0, 0.0]], "abc"):
+            with pytest.raises(ValueError, match=r"points must"):
+                ask(wrong)
 
 
 def test_measures_agree_with_trimesh(shape):
@@ -116,22 +97,25 @@ def test_measures_agree_with_trimesh(shape):
     assert exact.inertia_m5 == pytest.approx(mesh.moment_inertia, abs=1e-9 * least)
 
 
-@pytest.mark.parametrize("suffix", [".ply", ".stl", ".obj", ".glb"])
-def test_exported_solid_is_loaded_again(shape, suffix, tmp_path):
+def test_saved_and_exported_solids_are_loaded_again(shape, tmp_path):
     solid = shape[0]
-    solid.export(tmp_path / f"solid{suffix}")
-    again = palpate.load(tmp_path / f"solid{suffix}")
-    assert isinstance(again, palpate.Solid)
-    assert again.volume == pytest.approx(solid.to_trimesh().volume, rel=1e-5)
-    assert again.bounds == pytest.approx(solid.bounds, abs=1e-8)
-
-
-def test_export_rejects_unknown_suffix_and_missing_folder(torus, tmp_path):
-    with pytest.raises(InputError, match=r"a\.foo: must end in one of \.ply, \.stl"):
-        torus.export(tmp_path / "a.foo")
-    with pytest.raises(InputError, match=r"a\.stl: cannot be written: there is no folder"):
-        torus.export(tmp_path / "none" / "a.stl")
-    assert not [*tmp_path.iterdir()]
+    palpate.save(solid, tmp_path / "solid.npz")
+    again = palpate.load(tmp_path / "solid.npz")
+    assert type(again) is type(solid)
+    assert np.array_equal(again.mesh().vertices, solid.mesh().vertices)
+    for suffix in (".ply", ".stl", ".obj", ".glb"):
+        solid.export(tmp_path / f"solid{suffix}")
+        again = palpate.load(tmp_path / f"solid{suffix}")
+        assert isinstance(again, palpate.Solid)
+        assert again.volume == pytest.approx(solid.to_trimesh().volume, rel=1e-5)
+        assert again.bounds == pytest.approx(solid.bounds, abs=1e-8)
+    for name, words in (
+        ("a.foo", r"a\.foo: must end in one of \.ply, \.stl"),
+        ("none/a.stl", r"a\.stl: cannot be written: there is no folder"),
+    ):
+        with pytest.raises(InputError, match=words):
+            solid.export(tmp_path / name)
+    assert len([*tmp_path.iterdir()]) == 5
 
 
 def test_check_names_faults_of_meshes():
@@ -150,13 +134,6 @@ def test_check_names_faults_of_meshes():
     flat = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [0.5, 0, 0]])
     fan = [[0, 2, 4], [4, 2, 1], [0, 4, 3], [4, 1, 3], [0, 3, 2], [1, 2, 3], [0, 4, 1]]
     assert palpate.MeshSolid(flat, fan).check().degenerate_faces == 1
-
-
-@pytest.mark.parametrize("ask", ["distance", "signed_distance", "normal"])
-def test_queries_reject_invalid_points(shape, ask):
-    for points in ([[np.nan, 0.0, 0.0]], [0.0, 0.0, 0.0], [[0.0, 0.0]], "abc"):
-        with pytest.raises(ValueError, match=r"points must"):
-            getattr(shape[0], ask)(points)
 
 
 def test_final_mesh_replaces_own_mesh(ball, torus):
@@ -179,27 +156,12 @@ def test_solid_is_shown_in_window_without_viser(ball, monkeypatch):
 
 
 def test_solid_is_shown_by_viser_on_loopback_alone(ball, monkeypatch, capsys):
-    shown = []
-
-    def serve(host, label, verbose):
-        add = lambda name, vertices, faces, color: shown.append((name, len(vertices)))  # noqa: E731
-        return SimpleNamespace(
-            host=host, scene=SimpleNamespace(add_mesh_simple=add), get_port=lambda: 8080
-        )
-
-    monkeypatch.setitem(sys.modules, "viser", SimpleNamespace(ViserServer=serve))
-    assert ball.show().host == "127.0.0.1"
-    assert shown == [("/solid", len(ball.mesh().vertices))]
+    server = MagicMock(**{"return_value.get_port.return_value": 8080})
+    monkeypatch.setitem(sys.modules, "viser", SimpleNamespace(ViserServer=server))
+    shown = ball.show().scene.add_mesh_simple.call_args.args
+    assert server.call_args.kwargs["host"] == "127.0.0.1"
+    assert (shown[0], len(shown[1])) == ("/solid", len(ball.mesh().vertices))
     assert capsys.readouterr().out == f"{ball!r} is shown at http://127.0.0.1:8080\n"
-
-
-@pytest.mark.parametrize("name", ["ball", "cylinder", "torus"])
-def test_saved_solid_is_loaded_unchanged(name, request, tmp_path):
-    solid = request.getfixturevalue(name)
-    palpate.save(solid, tmp_path / "solid.npz")
-    again = palpate.load(tmp_path / "solid.npz")
-    assert type(again) is type(solid)
-    assert np.array_equal(again.mesh().vertices, solid.mesh().vertices)
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,7 @@ from palpate.core.poses import IDENTITY_POSE, Pose
 from palpate.core.rebuild import LatticeSolid, Method, fit_coarse, reconstruct
 from palpate.core.rebuild.contours import ContactPoints
 from palpate.core.rebuild.recovery import Recovery
-from palpate.core.shapes import Bend, Superquadric, area_samples, sampled_surface
+from palpate.core.shapes import Bend, area_samples, sampled_surface
 from palpate.core.splines import SplineVolume
 from tests.core.rebuild.objects import Oracle, at_height, circle, column, slow
 
@@ -48,12 +48,6 @@ def ellipsoid(heights: Floats, count: int = 48) -> list[Floats]:
 
 
 ELLIPSOID = ellipsoid(np.linspace(-29.5, 29.5, 15))
-VOLUME = 4 / 3 * np.pi * float(AXES.prod())
-
-
-@cache
-def whole(method: Method, faithful: bool = False) -> LatticeSolid:
-    return reconstruct(ELLIPSOID, method=method, faithful=faithful)
 
 
 @cache
@@ -99,12 +93,12 @@ def apart_moved(first: LatticeSolid, second: LatticeSolid) -> float:
     ],
 )
 def test_every_method_gives_closed_solid_of_true_volume(method, faithful, off):
-    solid = whole(method, faithful)
+    solid = reconstruct(ELLIPSOID, method=method, faithful=faithful)
     mesh = solid.mesh()
     body = solidity(mesh.vertices, mesh.faces)
     assert (solid.method, body.watertight, body.genus) == (method, True, 0)
     if off is not None:
-        assert solid.volume == pytest.approx(VOLUME, rel=off)
+        assert solid.volume == pytest.approx(4 / 3 * np.pi * AXES.prod(), rel=off)
     assert solid.search().inside(np.zeros((1, 3))).all()
     health = solid.health()
     assert all(np.isfinite(value) for value in health.values())
@@ -133,18 +127,14 @@ def test_unit_and_position_do_not_change_solid(scale, offset):
 
 
 def test_order_direction_start_and_repeated_points_do_not_change_solid():
-    rolled = [np.roll(one, 7 * i, axis=0)[:: 1 - 2 * (i % 2)] for i, one in enumerate(EGG)]
-    spoilt = [np.insert(one, 5, [np.nan, 0.0, np.inf], axis=0) for one in EGG]
-    variants = [
-        rolled[::-1],
-        [np.repeat(one, 2, axis=0) for one in EGG],
-        [np.vstack([one, one[:1]]) for one in EGG],
-        spoilt,
-    ]
     framed = reconstruct(EGG, tops=TOPS, method="skin", frame=IDENTITY_POSE)
     assert framed.frame is None
     assert np.array_equal(*map(tree_to_bytes, (framed, upright("skin"))))
-    for contours in variants:
+    rolled = [np.roll(one, 7 * i, axis=0)[:: 1 - 2 * (i % 2)] for i, one in enumerate(EGG)]
+    doubled = [np.repeat(one, 2, axis=0) for one in EGG]
+    closed = [np.vstack([one, one[:1]]) for one in EGG]
+    spoilt = [np.insert(one, 5, [np.nan, 0.0, np.inf], axis=0) for one in EGG]
+    for contours in (rolled[::-1], doubled, closed, spoilt):
         solid = reconstruct(contours, tops=TOPS, method="skin")
         assert apart(solid, upright("skin")) < 1e-12 * SIZE
 
@@ -157,11 +147,17 @@ def test_solid_of_moved_contours_is_moved_solid(method):
     assert other.uncovered == pytest.approx(still.uncovered, abs=1e-12)
     assert still.frame is None
     assert np.array_equal(np.array(other.frame), POSE)
-    v, turns = np.random.default_rng(0).uniform(0.1, 0.9, (2, 50))
+    rng = np.random.default_rng(0)
+    v, turns = rng.uniform(0.1, 0.9, (2, 50))
     before, after = (each.surface.curvatures(v, turns).k1 for each in (still, other))
     normals = still.surface.normals(v, turns)
     assert other.surface.normals(v, turns) == pytest.approx(rotated(normals), abs=1e-9)
     assert after == pytest.approx(before, rel=1e-6, abs=1e-6 / SIZE)
+    if method == "thesis":
+        inside, old, new = rng.random((20, 3)), still.control_lattice, other.control_lattice
+        for here, there in ((old.volume, new.volume), (old.undeformed, new.undeformed)):
+            assert isinstance(there, SplineVolume)
+            assert there.at(inside) == pytest.approx(moved(here.at(inside)), abs=1e-12)
 
 
 @pytest.mark.slow
@@ -233,18 +229,6 @@ def test_control_lattices_are_in_world_frame():
     assert np.abs(refined[1].search().nearest(moved(point)).distances).max() < 1e-6 * SIZE
 
 
-@pytest.mark.slow
-def test_lattice_of_thesis_is_in_world_frame():
-    inside = np.random.default_rng(1).random((20, 3))
-    old, new = (solid("thesis").control_lattice for solid in (upright, tilted))
-    for still, other in ((old.volume, new.volume), (old.undeformed, new.undeformed)):
-        assert isinstance(other, SplineVolume)
-        assert other.at(inside) == pytest.approx(moved(still.at(inside)), abs=1e-12)
-
-
-COLUMN_TOPS = np.array([[0.0, 0.0, 50.0], [0.0, 0.0, -50.0]])
-
-
 @pytest.mark.parametrize("method", ["skin", slow("lattice")])
 def test_updated_solid_equals_solid_of_all_contours(method):
     noise = 2e-4 * np.random.default_rng(0).normal(size=(11, 60, 3))
@@ -279,31 +263,28 @@ def test_solid_is_updated_by_plane_framed_and_useless_contours():
         bare.update(EGG[0])
 
 
-BASE = Superquadric(np.array([30.0, 20.0, 50.0]), np.array([0.6, 0.9]))
-
-
 @pytest.mark.slow
 def test_coarse_fit_tapers_and_bends_only_if_points_do():
-    rng = np.random.default_rng(3)
-    plain = area_samples(sampled_surface(BASE), 400, rng)
+    rng, true = np.random.default_rng(3), Oracle([30.0, 20.0, 50.0], [0.6, 0.9])
+    base = true.shape
+    plain = area_samples(sampled_surface(base), 200, rng)
     narrowing = np.array([-0.3, -0.2])
-    tapered = area_samples(sampled_surface(BASE, taper=narrowing), 400, rng)
+    tapered = area_samples(sampled_surface(base, taper=narrowing), 200, rng)
     straight = fit_coarse(plain + 0.1 * rng.normal(size=plain.shape))
     assert "taper x" not in straight.names
-    assert straight.size == pytest.approx(BASE.size, rel=0.01)
+    assert straight.size == pytest.approx(base.size, rel=0.01)
     assert fit_coarse(tapered).taper == pytest.approx(narrowing, abs=1e-3)
     ball = 30.0 * plain / np.linalg.norm(plain, axis=1, keepdims=True)
     narrowed = ball * (1.0 + 0.01 * ball[:, 2:]) ** [1, 1, 0]
     assert not fit_coarse(ball, noise=0.1).taper.any()
     assert fit_coarse(narrowed, noise=0.1).taper.any()
-    true = Oracle([30.0, 20.0, 50.0], [0.6, 0.9])
     shares = np.linspace(-0.9, 0.9, 11)
     rings = [true.section(share) * [1 - 0.3 * share, 1 - 0.2 * share, 1] for share in shares]
     solid = reconstruct(rings, method="coarse")
     points = places(solid) - true.middle
     points[:, :2] /= 1 - np.outer(points[:, 2] / 50.0, [0.3, 0.2])
-    assert np.abs(BASE.gauge(points) - 1.0).max() < 1e-4
-    bent = Bend(0.005, 0.7)(area_samples(sampled_surface(BASE), 400, rng))
+    assert np.abs(base.gauge(points) - 1.0).max() < 1e-4
+    bent = Bend(0.005, 0.7)(plain)
     assert fit_coarse(bent).bend.curvature == pytest.approx(0.005, rel=0.01)
 
 
@@ -337,7 +318,7 @@ SPAN = "contours and tops must span from 1e-50"
         ([np.full((9, 3), np.nan)], {}, "contours must hold at least one of 3 points"),
         ([np.zeros((5, 3)), LINE[:2]], {}, "got contour 0: in one place; contour 1: too few"),
         (column(1), {}, "contours must leave at least 2 to rebuild from, or 1 with tops"),
-        (column(1), {"tops": COLUMN_TOPS[:1]}, "or 1 with tops that touched both ends, got 1"),
+        (column(1), {"tops": [[0, 0, 50.0]]}, "or 1 with tops that touched both ends, got 1"),
         ([ELLIPSOID[7], 0.5 * ELLIPSOID[7]], {}, "contour 1: inside another at its height"),
         ([1e-300 * one for one in column(4)], {}, SPAN),
         ([1e60 * one for one in column(4)], {}, SPAN),

@@ -13,6 +13,7 @@ from palpate.core.arrays import Floats
 from palpate.core.poses import Pose, rotations_from_vectors
 from palpate.core.rebuild import LatticeSolid, reconstruct
 from palpate.core.rebuild.contours import ContactPoints, stack_points
+from tests.core.rebuild import objects
 from tests.core.rebuild.objects import Oracle, at_height, circle, contacts, is_closed, rms, slow
 
 NINE, SEVEN = np.linspace(-0.94, 0.94, 9), np.linspace(-0.9, 0.9, 7)
@@ -81,8 +82,7 @@ def test_solid_of_scaled_contacts_is_scaled_solid(scale):
 @pytest.mark.parametrize("method", [slow("skin"), "draft"])
 def test_order_of_contours_and_touches_changes_nothing(method):
     rings, touched, tops = Oracle(*BALL).evidence(SEVEN)
-    order = np.random.default_rng(1).permutation(len(touched.points))
-    shuffled = ContactPoints(*(np.asarray(ordered)[order] for ordered in touched))
+    shuffled = objects.only(touched, np.random.default_rng(1).permutation(len(touched.points)))
     ordered = reconstruct(rings, patches=touched, tops=tops, method=method)
     other = reconstruct(rings[::-1], patches=shuffled, tops=tops, method=method)
     assert np.allclose(places(ordered), places(other), rtol=0, atol=1e-12)
@@ -93,10 +93,9 @@ def test_order_of_contours_and_touches_changes_nothing(method):
 def test_contours_give_side_where_contacts_do_not_suffice(case):
     if case == "few points":
         rings, touched, tops = Oracle(*BALL).evidence(NINE)
-        touched = ContactPoints(*(np.asarray(one)[:50] for one in touched))
-    else:
-        turn = np.linspace(0.15, 2 * np.pi - 0.15, 120)  # a thick arc, which no place sees whole
-        out = np.column_stack([np.cos(turn), np.sin(turn)])
+        touched = objects.only(touched, slice(50))
+    else:  # a thick arc, which no place sees whole
+        out = objects.polar(np.linspace(0.15, 2 * np.pi - 0.15, 120) / (2 * np.pi), 1.0)
         plane = np.concatenate([0.04 * out, 0.025 * out[::-1]])
         rings = [at_height(plane, z) for z in np.linspace(0.01, 0.05, 5)]
         normals = np.tile(at_height(np.concatenate([out, -out[::-1]]), 0.0), (5, 1))
@@ -109,14 +108,6 @@ def test_contours_give_side_where_contacts_do_not_suffice(case):
         assert np.array_equal(places(solid), places(alone))
 
 
-def arcs(radius: Floats, heights: Floats, lean: Floats) -> tuple[Floats, Floats]:
-    """Points and normals of a surface of revolution, whose slopes are given."""
-    turn = 2 * np.pi * (0.618034 * np.arange(len(radius)) % 1.0)
-    out = np.column_stack([np.cos(turn), np.sin(turn)])
-    normals = np.column_stack([out * np.cos(lean)[:, None], np.sin(lean)])
-    return np.column_stack([radius[:, None] * out, heights]), normals
-
-
 @pytest.mark.parametrize("arc", [0.0, slow(2e-3), slow(8e-3)])
 def test_edge_rounded_by_arc_is_rebuilt(arc):
     """A column of 30 mm radius, 90 mm high, whose upper edge is an arc."""
@@ -127,13 +118,14 @@ def test_edge_rounded_by_arc_is_rebuilt(arc):
     angle = np.clip((at - length[1]) / max(arc, 1e-12), 0.0, 0.5 * np.pi)
     radius = np.where(on_top, 0.03 - arc - (at - length[2]), 0.03 - arc + arc * np.cos(angle))
     heights = np.where(on_side, at, 0.09 - arc + arc * np.sin(angle))
-    points, normals = arcs(radius, heights, np.where(on_top, 0.5 * np.pi, angle))
-    numbers = np.arange(steps) // 100
+    lean = np.where(on_top, 0.5 * np.pi, angle)
+    out = objects.polar(0.618034 * np.arange(steps), 1.0)
+    normals = np.column_stack([out * np.cos(lean)[:, None], np.sin(lean)])
+    points = np.column_stack([radius[:, None] * out, heights])
+    touched = contacts(points, normals, np.arange(steps) // 100)
     rings = [at_height(0.03 * circle(60), z) for z in np.linspace(0.004, 0.078, 8)]
-    kept = ~on_top | (radius < 0.012)
-    touched = contacts(points[kept], normals[kept], numbers[kept])
-    tops = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.09]])
-    solid = reconstruct(rings, patches=touched, tops=tops, method="skin")
+    touched = objects.only(touched, ~on_top | (radius < 0.012))
+    solid = reconstruct(rings, patches=touched, tops=ends(0.0, 0.09), method="skin")
     off = solid.signed_distance(points[37::97])
     assert rms(off) < 2e-5 and np.abs(off).max() < 0.15e-3
     dish = np.pi * (2.0 * arc**3 / 3.0 + 0.5 * np.pi * arc**2 * (0.03 - arc))
@@ -141,18 +133,14 @@ def test_edge_rounded_by_arc_is_rebuilt(arc):
     assert solid.volume == pytest.approx(volume, rel=5e-4)
 
 
-def noisy(touched: ContactPoints, pose: float, seed: int = 0) -> ContactPoints:
-    """Contacts of 120 touches, each displaced as a whole."""
-    shifts = pose * np.random.default_rng(seed).normal(size=(120, 3))
-    touch = (120 * np.arange(len(touched.points)) // len(touched.points)).astype(np.int32)
-    return touched._replace(points=touched.points + shifts[touch], touch=touch)
-
-
 @pytest.mark.parametrize("shape", [BOX, slow(EGG)])
 def test_stated_deviation_has_size_of_error(shape):
     true = Oracle(*shape)
     rings, touched, tops = true.evidence(SEVEN)
-    solid = reconstruct(rings, patches=noisy(touched, 1e-4), tops=tops, method="skin")
+    touch = 120 * np.arange(len(touched.points)) // len(touched.points)
+    shifts = 1e-4 * np.random.default_rng(0).normal(size=(120, 3))  # of each touch
+    noisy = contacts(touched.points + shifts[touch], touched.normals, touch)
+    solid = reconstruct(rings, patches=noisy, tops=tops, method="skin")
     error = rms(true.distances(solid.mesh(5e-4).vertices))
     assert 0.4 * error < deviation_of(solid) < 4.0 * error
     assert error < 2.5e-4  # The corners of the box are sharper than the spline
@@ -217,13 +205,12 @@ def column_touches() -> ContactPoints:
     parts = []
     for level in np.linspace(0.003, 0.083, 27):
         for turn in np.arange(24) / 24:
-            around = 2.0 * math.pi * (turn + rng.uniform(-0.02, 0.02, 12))
-            out = np.column_stack([np.cos(around), np.sin(around)])
+            out = objects.polar(turn + rng.uniform(-0.02, 0.02, 12), 1.0)
             heights = level + rng.uniform(-3e-3, 3e-3, 12)
             beside = (heights < top_at(RADIUS * out)) & (heights > 0.0)
             if beside.sum() > 2:
-                points = np.column_stack([RADIUS * out, heights])[beside]
-                parts.append(contacts(points, at_height(out, 0.0)[beside]))
+                points = np.column_stack([RADIUS * out, heights])
+                parts.append(objects.only(contacts(points, at_height(out, 0.0)), beside))
     upward = np.array([-SLOPES[0], -SLOPES[1], 1.0]) / math.sqrt(1.0 + SLOPES @ SLOPES)
     for place in ((0.0, 0.0), (0.01, 0.0), (-0.01, 0.0), (0.0, 0.01), (0.0, -0.01)):
         at = place + 1e-3 * np.stack(np.meshgrid(*2 * (np.arange(-3, 4),)), axis=-1).reshape(-1, 2)
@@ -243,14 +230,12 @@ def oblique() -> LatticeSolid:
 def oblique_points() -> Floats:
     """Points of the true column: side and top, up to 0.5 mm from their edge."""
     rng = np.random.default_rng(1)
-    turn = rng.uniform(0.0, 2.0 * math.pi, 600)
-    out = np.column_stack([np.cos(turn), np.sin(turn)])
+    out = objects.polar(rng.random(600), 1.0)
     side = np.column_stack([RADIUS * out, rng.uniform(5e-4, top_at(RADIUS * out) - 5e-4)])
     inside = (RADIUS - 5e-4) * np.sqrt(rng.uniform(size=(600, 1))) * out
     return np.concatenate([side, np.column_stack([inside, top_at(inside)])])
 
 
-SLANTS = ["moved", *(slow(x) for x in ("updated", "mirrored"))]
 STEEP = float(np.hypot(*SLOPES))
 
 
@@ -277,7 +262,7 @@ def test_control_lattice_and_refinement_follow_sheared_ends():
         oblique().refined([[-0.4, -0.1, 0.04]])
 
 
-@pytest.mark.parametrize("change", SLANTS)
+@pytest.mark.parametrize("change", ["moved", slow("updated"), slow("mirrored")])
 def test_oblique_top_survives_update_motion_and_mirror(change):
     solid, true = oblique(), oblique_points()
     if change == "updated":

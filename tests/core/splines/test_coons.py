@@ -25,17 +25,13 @@ def boundaries(surface: Floats) -> tuple[Floats, ...]:
     return surface[0], surface[-1], surface[:, 0], surface[:, -1]
 
 
-def slopes_of(first: float, last: float) -> Slopes:
-    """The saddle's slopes between heights `first` and `last`, in a patch of height 1."""
-    height = last - first
-    v = first + height * V
-    return Slopes(
-        height * saddle(np.array(first), U)[2],
-        height * saddle(np.array(last), U)[2],
-        saddle(v, np.array(0.0))[1],
-        saddle(v, np.array(1.0))[1],
-        height * saddle(np.array([[first], [last]]), np.array([[0.0, 1.0]]))[3],
-    )
+SLOPES = Slopes(
+    saddle(np.array(0.0), U)[2],
+    saddle(np.array(1.0), U)[2],
+    saddle(V, np.array(0.0))[1],
+    saddle(V, np.array(1.0))[1],
+    saddle(np.array([[0.0], [1.0]]), np.array([[0.0, 1.0]]))[3],
+)
 
 
 def test_patches_interpolate_their_four_curves():
@@ -44,23 +40,16 @@ def test_patches_interpolate_their_four_curves():
     low, high = (np.linspace(*corners[i], 9) + np.sin(np.pi * U)[:, None] for i in (0, 1))
     left, right = (np.linspace(*corners[:, i], 7) for i in (0, 1))
     left[1:-1] += rng.normal(size=(5, 3))
-    wild, cubic = (low, high, left, right), boundaries(saddle(V[:, None], U)[0])
-    patches = [
-        (wild, coons_patch(*wild)),
-        (cubic, coons_patch(*cubic)),
-        (cubic, hermite_patch(*cubic, slopes_of(0.0, 1.0))),
-    ]
-    for curves, patch in patches:
+    surface = saddle(V[:, None], U)[0]
+    wild, cubic = (low, high, left, right), boundaries(surface)
+    smooth = hermite_patch(*cubic, SLOPES)
+    for curves, patch in (wild, coons_patch(*wild)), (cubic, coons_patch(*cubic)), (cubic, smooth):
         assert patch.shape == (7, 9, 3)
         for result, wanted in zip(boundaries(patch), curves, strict=True):
             assert np.abs(result - wanted).max() < 1e-14
-
-
-def test_cubics_are_reproduced_from_their_slopes():
-    surface = saddle(V[:, None], U)[0]
-    smooth = hermite_patch(*boundaries(surface), slopes_of(0.0, 1.0))
+    # Cubics are reproduced from their slopes.
     assert np.abs(smooth - surface).max() < 1e-15
-    assert np.abs(coons_patch(*boundaries(surface)) - surface).max() > 0.01
+    assert np.abs(coons_patch(*cubic) - surface).max() > 0.01
     low, high = np.stack([U, np.sin(3 * U), U**4], axis=1), np.stack([np.cos(U), U, 1 + U], axis=1)
     ruled = (1.0 - V)[:, None, None] * low + V[:, None, None] * high
     assert np.abs(coons_patch(*boundaries(ruled)) - ruled).max() < 2e-15
@@ -146,7 +135,7 @@ def test_curves_that_do_not_fit_are_refused(changes: dict[int, Floats], words: s
     with pytest.raises(ValueError, match=words):
         coons_patch(*curves)
     with pytest.raises(ValueError, match="slopes must have shape"):
-        hermite_patch(*SQUARE, slopes_of(0.0, 1.0)._replace(high=np.zeros((3, 3))))
+        hermite_patch(*SQUARE, SLOPES._replace(high=np.zeros((3, 3))))
 
 
 @pytest.mark.parametrize(("contours", "meridians", "words"), [

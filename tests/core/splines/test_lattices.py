@@ -32,23 +32,16 @@ PLAIN = box_lattice(LOW, EXTENT, COUNTS)
 BENT = PLAIN.with_control(PLAIN.control + 0.05 * EXTENT * NOISE)
 
 
-def skewed() -> Lattice:
-    """Weighted, over a parallelepiped."""
-    bases = clamped_basis(6), clamped_basis(4), clamped_basis(5, 2)
-    frame = Parallelepiped(LOW, EDGES)
-    control = frame.greville_control(bases)
-    return Lattice(SplineVolume(control + 0.02 * NOISE, bases, WEIGHTS), frame)
-
-
-def wedge() -> Lattice:
-    """Over an undeformed lattice that is no parallelepiped, and folds nowhere."""
-    before = PLAIN.control.copy()
-    before[..., 0] *= 1.0 + 0.3 * before[..., 2]
-    return Lattice(BENT.volume, SplineVolume(before, PLAIN.volume.bases))
-
-
-LATTICES = {"bent": BENT, "skewed": skewed(), "wedge": wedge()}
-each_kind = pytest.mark.parametrize("lattice", LATTICES.values(), ids=LATTICES)
+FRAME, SKEW = Parallelepiped(LOW, EDGES), (clamped_basis(6), clamped_basis(4), clamped_basis(5, 2))
+SHEARED = FRAME.greville_control(SKEW) + 0.02 * NOISE
+BEFORE = PLAIN.control.copy()
+BEFORE[..., 0] *= 1.0 + 0.3 * BEFORE[..., 2]
+LATTICES = {
+    "bent": BENT,
+    "skewed": Lattice(SplineVolume(SHEARED, SKEW, WEIGHTS), FRAME),  # over a parallelepiped
+    # Over an undeformed lattice that is no parallelepiped, and folds nowhere.
+    "wedge": Lattice(BENT.volume, SplineVolume(BEFORE, PLAIN.volume.bases)),
+}
 
 
 def inside(lattice: Lattice) -> Floats:
@@ -68,7 +61,7 @@ def test_undeformed_lattices_move_nothing(counts: tuple[int, int, int], degree: 
     assert [lattice.control[end] for end in ends] == pytest.approx(LOW + steps)
 
 
-@each_kind
+@pytest.mark.parametrize("lattice", LATTICES.values(), ids=LATTICES)
 def test_jacobians_and_normals_are_those_of_finite_differences(lattice: Lattice):
     points, step = inside(lattice), 1e-6
     columns = [
@@ -98,9 +91,8 @@ def test_local_parameters_are_undone_by_the_undeformed_lattice():
         assert np.allclose(lattice.local(inside(lattice)), INSIDE, rtol=0, atol=1e-9)
         moved = lattice.deform(inside(lattice))
         assert np.allclose(moved, lattice.volume.at(INSIDE), rtol=0, atol=1e-9)
-    frame = Parallelepiped(LOW, EDGES)
-    even = SplineVolume(frame.even_control(COUNTS), PLAIN.volume.bases)
-    points = frame.points(INSIDE)
+    even = SplineVolume(FRAME.even_control(COUNTS), PLAIN.volume.bases)
+    points = FRAME.points(INSIDE)
     assert np.allclose(Lattice(even, even).deform(points), points, rtol=0, atol=1e-12)
     far = box_lattice(LOW + 1e4, EXTENT, COUNTS)  # a point outside by rounding is on the face
     beyond = np.array([np.nextafter(far.control[-1, -1, -1], np.inf)])
@@ -114,7 +106,7 @@ def test_change_on_a_grid_is_the_jacobian_determinant():
         wanted = lattice.jacobian_determinant(lattice.undeformed.points(grid))
         assert np.allclose(lattice.change_on_grid(*axes), wanted.reshape(3, 2, 1), rtol=1e-11)
     # Without a parallelepiped the unit is the mean of the undeformed lattice.
-    before, fine = wedge().undeformed, (np.arange(12) + 0.5) / 12
+    before, fine = LATTICES["wedge"].undeformed, (np.arange(12) + 0.5) / 12
     for factor in (1.0, 2.0):
         wider = Lattice(SplineVolume(factor * before.control, before.bases), before)
         assert wider.change_on_grid(fine, fine, fine).mean() == pytest.approx(factor**3)
@@ -225,20 +217,14 @@ def disturbed(amount: float, seed: int, degree: int = 3, weighted: bool = False)
     return plain.with_control(plain.control + noise, weights)
 
 
-def least_change(lattice: Lattice, count: int = 30) -> float:
-    """The least change of volume on a grid with the domain's ends."""
-    axes = [np.linspace(0.0, 1.0, count + i) for i in range(3)]
-    return float(lattice.change_on_grid(*axes).min())
-
-
 @pytest.mark.parametrize("weighted", [False, True])
 @pytest.mark.parametrize(("seed", "degree"), [(0, 1), (1, 2), (2, 3), (3, 3), (4, 3)])
 def test_fold_verdicts_agree_with_samples(seed: int, degree: int, weighted: bool):
     # Of this noise the amount at which the first fold appears, by bisection over samples.
-    low, high = 0.0, 2.0
+    low, high, axes = 0.0, 2.0, [np.linspace(0.0, 1.0, count) for count in (15, 16, 17)]
     for _ in range(14):
         middle = 0.5 * (low + high)
-        folds = least_change(disturbed(middle, seed, degree, weighted), 15) < 0.0
+        folds = disturbed(middle, seed, degree, weighted).change_on_grid(*axes).min() < 0.0
         low, high = (low, middle) if folds else (middle, high)
     for share, verdict in ((0.9, "sound"), (1.03, "folded"), (2.5, "folded")):
         lattice = disturbed(share * high, seed, degree, weighted)
@@ -283,14 +269,12 @@ def test_fold_reports_of_known_lattices_are_exact():
 @pytest.mark.parametrize("scale", [1e-150, 1e-3, 1e150])
 @pytest.mark.parametrize("amount", [0.05, 0.3])
 def test_unit_changes_no_fold_report(scale: float, amount: float):
-    here = disturbed(amount, 0)
-    still = disturbed(0.0, 0)
+    here, still = disturbed(amount, 0), disturbed(0.0, 0)
     plain = box_lattice(np.zeros(3), scale * EXTENT, here.control.shape[:3])
     wanted = fold_report(here)
-    moved = plain.control + scale * (here.control - still.control)
-    before = SplineVolume(plain.control, plain.volume.bases)
-    for undeformed in (plain.undeformed, before):
-        result = fold_report(Lattice(SplineVolume(moved, plain.volume.bases), undeformed))
+    moved = plain.with_control(plain.control + scale * (here.control - still.control))
+    for undeformed in (plain.undeformed, plain.volume):
+        result = fold_report(Lattice(moved.volume, undeformed))
         assert (result.verdict, result.share) == (wanted.verdict, wanted.share)
         assert result.least == pytest.approx(wanted.least, rel=1e-9)
 
@@ -315,7 +299,7 @@ OUTSIDE = np.concatenate([POINTS[:3], LOW + EXTENT * np.array([[1.5, 0.5, 0.5], 
 
 @pytest.mark.parametrize(("call", "words"), [
     (lambda: BENT.deform(OUTSIDE), r"2 of 5 .* worst \(0.15, -0.05, 0.3\) m by 1 of an edge"),
-    (lambda: wedge().deform(3 * ONE), r"1 of 1 outside, the worst \(1.5, 1.5, 1.5\) m by 1.\d+ m"),
+    (lambda: LATTICES["wedge"].deform(3 * ONE), r"1 of 1 .* worst \(1.5, 1.5, 1.5\) m by 1.\d+ m"),
     (lambda: BENT.deform(np.full((1, 3), math.nan)), "points must be finite"),
     (lambda: BENT.deform(np.zeros(3)), r"points must have shape \(any, 3\)"),
     (lambda: CUBE.deform_normals(ONE, np.zeros((1, 3))), "normals must have a direction, got zero"),

@@ -3,11 +3,7 @@
 import numpy as np
 
 from palpate.core.arrays import Floats
-
-
-def circle(turns: Floats) -> Floats:
-    return np.column_stack([np.cos(2 * np.pi * turns), np.sin(2 * np.pi * turns)])
-
+from tests.core.rebuild.objects import along, at_height, polar
 
 BEND = np.linspace(-2.2, 2.2, 120) / (2 * np.pi)
 CORNERS = {
@@ -16,24 +12,20 @@ CORNERS = {
         [[-1, 1], [-1, -1], [1, -1], [1, 1], [0.6, 1], [0.6, -0.6], [-0.6, -0.6], [-0.6, 1.0]]
     ),
     # Open to the left: its centroid is outside
-    "c": np.vstack([circle(BEND), 0.55 * circle(BEND)[::-1]]),
+    "c": np.vstack([polar(BEND), 0.55 * polar(BEND)[::-1]]),
     "lobes": (1 + 0.45 * np.cos(6 * np.pi * np.arange(16) / 16))[:, None]
-    * circle(np.arange(16) / 16),
+    * polar(np.arange(16) / 16),
 }
 
 
 def figure(name: str, count: int) -> Floats:
     """Points (count, 2) evenly around a named figure, counter-clockwise."""
-    closed = np.vstack([CORNERS[name], CORNERS[name][:1]])
-    lengths = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(closed, axis=0), axis=1)))
-    places = np.arange(count) * lengths[-1] / count
-    return np.column_stack([np.interp(places, lengths, closed[:, axis]) for axis in (0, 1)])
+    return along(CORNERS[name], np.arange(count) / count)
 
 
 def prism(points: Floats, rows: int) -> Floats:
     """The same contour (n, 2) at even heights from 0 to 2: (rows, n, 3)."""
-    levels = np.linspace(0.0, 2.0, rows)
-    return np.stack([np.column_stack([points, np.full(len(points), z)]) for z in levels])
+    return np.stack([at_height(points, z) for z in np.linspace(0.0, 2.0, rows)])
 
 
 def vase_radius(height: Floats, azimuth: Floats) -> Floats:

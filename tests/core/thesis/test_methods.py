@@ -1,4 +1,4 @@
-"""Laws of the thesis's curves, inversion, match of contours, and spline of parameters."""
+"""Laws of the thesis's curves, inversion, (4.25), match of contours, and spline of parameters."""
 
 from collections.abc import Callable
 
@@ -8,16 +8,18 @@ from scipy.spatial import cKDTree
 
 from palpate.core import splines
 from palpate.core.arrays import Floats
-from palpate.core.geometry import edge_distance
 from palpate.core.thesis import (
     fit_closed_curve_thesis,
     interpolated_parameters,
     invert_thesis,
     match_contour,
     ray_azimuths,
+    rebuild_thesis,
+    solve_control_points,
 )
-from palpate.core.thesis.layers import searched_scale
-from tests.core.thesis.contours import circle, figure
+from tests.core.rebuild.objects import polar
+from tests.core.splines.test_volumes import noisy
+from tests.core.thesis.contours import figure, vase
 
 PLACES = np.random.default_rng(0).random((300, 3))
 FINE = np.arange(4000) / 4000
@@ -25,22 +27,14 @@ FINE = np.arange(4000) / 4000
 
 def test_clamped_curves_do_not_close_and_fit_worse():
     turns, fine = np.arange(81) / 80, np.arange(20000) / 20000
-    points = circle(turns) * [2, 1]
+    points = polar(turns) * [2, 1]
     ours, theirs = splines.fit_closed_curve(points, count=16), fit_closed_curve_thesis(points, 16)
-    true = cKDTree(circle(fine) * [2, 1])
+    true = cKDTree(polar(fine) * [2, 1])
     errors = [true.query(curve.at(FINE))[0].max() for curve in (ours, theirs)]
     assert 5 * errors[0] < errors[1] < 0.3
     assert theirs.closure_gap > 0.05 and theirs.condition > 1e3
     assert theirs.control.shape == (16, 2) and theirs.effective == 16
     assert fit_closed_curve_thesis(points).control.shape == (16, 2)
-
-
-def noisy(amplitude: float, seed: int = 0) -> splines.SplineVolume:
-    bases = splines.clamped_basis(7), splines.clamped_basis(7), splines.clamped_basis(9)
-    cube = splines.upright_parallelepiped(-np.ones(3), np.full(3, 2.0))
-    control = cube.greville_control(bases)
-    noise = np.random.default_rng(seed).normal(size=control.shape)
-    return splines.SplineVolume(control + 0.5 * amplitude * noise, bases)
 
 
 def test_newton_inversion_is_exact_where_converged():
@@ -57,29 +51,47 @@ def test_newton_inversion_is_exact_where_converged():
     assert invert_thesis(folded, folded.at(PLACES)).converged.mean() < 0.7
     assert splines.invert_points(folded, folded.at(PLACES)).converged.mean() > 0.99
     assert [len(part) for part in invert_thesis(volume, np.zeros((0, 3)))] == [0] * 5
+    for squeeze in ([1, 1, 0], [1, 0, 0], [0, 0, 0]):  # finite and folded
+        flat = splines.SplineVolume(regular.control * squeeze, regular.bases)
+        for z in (0.0, 0.5):
+            inversion = invert_thesis(flat, flat.at(PLACES[:20]) + [0.0, 0.0, z])
+            assert (inversion.converged == (z == 0.0)).all() and inversion.folded.all()
+            assert np.isfinite([*inversion.parameters.T, inversion.residual]).all()
 
 
-@pytest.mark.parametrize("squeeze", [[1, 1, 0], [1, 0, 0], [0, 0, 0]])
-def test_inversion_of_flat_volume_is_finite_and_folded(squeeze: list[int]):
-    control = noisy(0.0).control * squeeze
-    flat = splines.SplineVolume(control, noisy(0.0).bases)
-    inversion = invert_thesis(flat, flat.at(PLACES[:20]))
-    away = invert_thesis(flat, flat.at(PLACES[:20]) + [0.0, 0.0, 0.5])
-    assert inversion.converged.all() and not away.converged.any()
-    for result in (inversion, away):
-        assert np.isfinite(result.parameters).all() and np.isfinite(result.residual).all()
-        assert result.folded.all()
+def test_points_inside_lattice_recover_control_points():
+    rng, shape = np.random.default_rng(3), (4, 5, 6)
+    bases = tuple(splines.clamped_basis(count) for count in shape)
+    volume = splines.SplineVolume(rng.normal(size=(*shape, 3)), bases)
+    triples, noise = rng.random((2000, 3)), 1e-6 * rng.normal(size=(2000, 3))
+    fit, noisy_fit = (
+        solve_control_points(volume.at(triples) + add, triples, shape) for add in (0.0, noise)
+    )
+    assert np.allclose(fit.volume.control, volume.control, rtol=0, atol=1e-14 * fit.condition)
+    assert fit.condition < 1e5 and fit.rms < 1e-12
+    # Noise is amplified by the condition at most.
+    off = np.linalg.norm(noisy_fit.volume.control - fit.volume.control)
+    assert off <= fit.condition * np.linalg.norm(noise)
+    assert noisy_fit.rms == pytest.approx(np.sqrt(3.0) * 1e-6, rel=0.1)
+
+
+def test_surface_points_do_not_determine_lattice():
+    solid = rebuild_thesis(vase(9, 40))  # 5 by 5 by 9 control points, as in the thesis
+    triples = solid.parameters.reshape(-1, 3)
+    with pytest.raises(ValueError, match=r"condition number \S+ for 225 control points") as caught:
+        solve_control_points(vase(9, 40).reshape(-1, 3), triples, (5, 5, 9))
+    assert float(str(caught.value).split("number ")[1].split()[0]) > 1e15
 
 
 def test_rays_meet_circle_at_their_azimuths():
     assert np.allclose(ray_azimuths(4), [-np.pi, -np.pi / 2, 0, np.pi / 2])
     azimuths = ray_azimuths(40)
-    match = match_contour(circle(np.arange(40) / 40 + 0.013), azimuths)
+    match = match_contour(polar(np.arange(40) / 40 + 0.013), azimuths)
     assert match.one_to_one and not match.degenerate and not match.self_intersecting
-    assert np.allclose(match.points, circle(azimuths / (2 * np.pi)), rtol=0, atol=1e-4)
+    assert np.allclose(match.points, polar(azimuths / (2 * np.pi)), rtol=0, atol=1e-4)
     # The middle is that of the area, wherever points are dense.
     turns = np.concatenate([0.25 * np.arange(60) / 60, 0.25 + 0.75 * np.arange(20) / 20])
-    assert np.linalg.norm(match_contour(circle(turns), azimuths).middle) < 0.005
+    assert np.linalg.norm(match_contour(polar(turns), azimuths).middle) < 0.005
     point = match_contour(np.tile([0.3, -0.2], (12, 1)), azimuths)
     assert point.degenerate and np.allclose(point.points, [0.3, -0.2], rtol=0, atol=1e-15)
     lobes = figure("lobes", 48)
@@ -102,7 +114,7 @@ def test_contour_with_outer_middle_is_matched_in_order(name: str):
 
 def box(rows: int, columns: int) -> Floats:
     """Triples on a rounded box, whose end rows are poles."""
-    outline = circle(np.linspace(-0.5, 0.5, columns))
+    outline = polar(np.linspace(-0.5, 0.5, columns))
     outline /= (outline**12).sum(axis=1, keepdims=True) ** (1 / 12)
     height = np.linspace(-1, 1, rows)[:, None]
     width = (1 - np.abs(height) ** 12) ** (1 / 12)
@@ -137,6 +149,9 @@ def test_poles_have_no_length_and_overshoot_is_clipped():
     assert np.array_equal(spline.at(fine, fine), np.clip(raw, 0.0, 1.0))
 
 
+FEW = PLACES[:100]
+
+
 @pytest.mark.parametrize(
     ("call", "words"),
     [
@@ -150,38 +165,14 @@ def test_poles_have_no_length_and_overshoot_is_clipped():
         (lambda: interpolated_parameters(box(5, 9).repeat(2, axis=1)), "differ between .* columns"),
         (lambda: interpolated_parameters(np.full((5, 9, 3), 0.5)), "between neighbouring rows"),
         (lambda: interpolated_parameters(box(5, 9)).at([1.1], [0.5]), "x must lie in the domain"),
+        (lambda: solve_control_points(FEW, FEW, (4, 4, 3)), "at least 4, got"),
+        (
+            lambda: solve_control_points(FEW[:60], FEW[:60], (4, 4, 4)),
+            "control points, 64, got 60",
+        ),
+        (lambda: solve_control_points(FEW, FEW + 2.0, (4, 4, 4)), "must lie between 0 and 1"),
     ],
 )
 def test_invalid_input_raises(call: Callable[[], object], words: str):
     with pytest.raises(ValueError, match=words):
         call()
-
-
-def by_table(limit: float) -> float:
-    """Largest scale of an ellipse that fits, by Table 4.2: two are tested where they are."""
-    low, high = 0.0, 1.0
-    while high - low > 1e-7:
-        first, second = low + 0.382 * (high - low), low + 0.618 * (high - low)
-        meets = first > limit, second > limit
-        assert meets != (True, False)  # its fourth case is a contradiction
-        if all(meets):
-            high = first
-        elif meets[1]:
-            low, high = first, second
-        else:
-            low = second
-    return low
-
-
-def test_table_4_2_finds_largest_ellipse_but_program_does_not():
-    true, by_program = [], []
-    for wide, lobe in ((1.0, 0.0), (0.4, 0.0), (1.0, 0.2), (0.7, 0.1)):
-        turns = np.arange(16) / 16
-        polygon = circle(turns) * [1.0, wide] * (1.0 + lobe * np.cos(6 * np.pi * turns))[:, None]
-        low, high = polygon.min(axis=0), polygon.max(axis=0)
-        middle, half = 0.5 * (low + high), 0.5 * (high - low)
-        # The ellipse is a circle in its own plane.
-        true.append(edge_distance((polygon - middle) / half, np.zeros((1, 2)))[0])
-        by_program.append(searched_scale(polygon, middle, half, len(polygon)))
-    assert [by_table(limit) for limit in true] == pytest.approx(true, abs=1e-6)
-    assert np.ptp(true) > 0.1 and np.abs(np.array(by_program) - true).max() > 0.2

@@ -11,6 +11,7 @@ from palpate.launch.run import load_run
 from palpate.launch.run_directory import SUMMARY
 from palpate.nodes.runtime.testing import recorded
 from tests.graph.conftest import palpate
+from tests.recorded_run import make_run
 
 pytestmark = pytest.mark.slow  # one run for all tests
 HEIGHT = 0.08  # Of the egg [m]
@@ -42,6 +43,9 @@ def test_solid_is_of_thesis_without_bound(run):
     assert last.control.shape[:2] == (5, 5) and last.control.shape[2] == len(last.contours)
     solid = load_run(run).solid
     assert solid is not None and solid.method == "thesis"
+    # Touches are fitted by splines.
+    patches = [one for one in recorded(run, "/touch/patch") if one.kind == "smooth"]
+    assert len(patches) > 50 and {len(one.jet) for one in patches} == {6}
 
 
 def test_search_goes_from_half_height_to_both_ends(run):
@@ -60,16 +64,10 @@ def test_search_goes_from_half_height_to_both_ends(run):
         recorded(run, "/probe/goal")
 
 
-def test_touches_are_fitted_by_spline(run):
-    patches = [one for one in recorded(run, "/touch/patch") if one.kind == "smooth"]
-    assert len(patches) > 50 and {len(one.jet) for one in patches} == {6}
-
-
-def test_recording_is_replayed_and_compared(run):
+def test_recording_is_replayed_and_compared(run, tmp_path):
     folder = run.parent
     assert palpate("replay", run, folder=folder).code == 0
-    words = ("run", "egg", "--noise", "low", "--tolerance", "2mm", "--composed", "--quiet")
-    palpate(*words, "--out", folder / "ours", folder=folder)
-    done = palpate("report", run, folder / "ours", "--out", folder / "both.html", folder=folder)
+    ours = make_run(tmp_path)
+    done = palpate("report", run, ours, "--out", folder / "both.html", folder=folder)
     assert done.code == 0, done.err
     assert "thesis" in (folder / "both.html").read_text()

@@ -20,11 +20,10 @@ ALL = np.ones((16, 16), np.bool_)
 HERE = Pose(np.zeros(3), np.eye(3))
 
 
-def touched_surface(pad: Pad, surface: Floats, touched: Floats = ALL) -> ContactPoints:
-    """Contacts of a pad at the origin with a surface over it."""
+def touched_surface(surface: Floats, touched: Floats = ALL, pad: Pad = FLAT, pose: Pose = HERE):
+    """Contacts of a pad with a surface over it."""
     fitted = fit_jet(pad, surface, touched)
-    assert fitted is not None
-    return surface_points(pad, HERE, surface, touched, fitted.jet)
+    return surface_points(pad, pose, surface, touched, fitted.jet)
 
 
 def slopes(touched: ContactPoints) -> Floats:
@@ -37,10 +36,7 @@ def test_touched_taxels_lie_on_ball_with_its_normals(rotations):
         for axes in rotations(5):
             end = guarded_move(BALL, pad, Pose(-0.05 * axes[:, 2], axes), 0.05, 1e-3)
             touched = end.compression > 0
-            surface = -(end.compression + pad.sag())
-            fitted = fit_jet(pad, surface, touched)
-            assert fitted is not None
-            result = surface_points(pad, end.pose, surface, touched, fitted.jet)
+            result = touched_surface(-end.compression - pad.sag(), touched, pad, end.pose)
             normals = np.asarray(result.normals)
             assert result.points.shape == normals.shape == (touched.sum(), 3)
             assert np.allclose(np.linalg.norm(result.points, axis=1), 0.03, rtol=1e-12)
@@ -52,7 +48,7 @@ def test_touched_taxels_lie_on_ball_with_its_normals(rotations):
 def test_taxels_beside_edge_have_normals_of_their_side(noise):
     x, _ = FLAT.grid()
     roof = np.minimum(0.2 * x, -0.5 * x)  # Two planes that meet between two columns
-    touched = touched_surface(FLAT, roof + np.random.default_rng(0).normal(0.0, noise, x.shape))
+    touched = touched_surface(roof + np.random.default_rng(0).normal(0.0, noise, x.shape))
     expected = np.where(touched.points[:, 0] < 0, 0.2, -0.5)
     off = np.abs(slopes(touched)[:, 0] - expected)
     assert len(off) > 240
@@ -64,7 +60,7 @@ def test_taxels_beside_edge_have_normals_of_their_side(noise):
 def test_smooth_surface_keeps_normals_of_its_jet(noise):
     x, y = FLAT.grid()
     smooth = (x**2 - 0.5 * x * y) / 0.03
-    result = touched_surface(FLAT, smooth + np.random.default_rng(1).normal(0.0, noise, x.shape))
+    result = touched_surface(smooth + np.random.default_rng(1).normal(0.0, noise, x.shape))
     assert len(result.points) > 253  # one taxel in a hundred may be left out
     at = result.points[:, :2]
     expected = np.column_stack([2.0 * at[:, 0] - 0.5 * at[:, 1], -0.5 * at[:, 0]]) / 0.03
@@ -76,7 +72,7 @@ def test_taxels_beyond_edge_are_left_out():
     x, _ = FLAT.grid()
     touched = x > -1.6e-3
     surface = np.where(x < -1e-3, -1.2e-3, -0.2 * x)
-    result = touched_surface(FLAT, surface, touched)
+    result = touched_surface(surface, touched)
     assert result.points[:, 0].min() > x[touched].min()
     assert (result.points[:, 0] > 2e-3).sum() == (x > 2e-3).sum()
 
@@ -129,9 +125,7 @@ def test_point_with_normal_gives_three_points_on_surface():
     apart = np.linalg.norm(result.points[2] - result.points[0])
     assert 5e-4 < apart < 5e-3
     assert np.allclose(0.5 * (result.points[2] + result.points[0]), result.points[1], atol=1e-15)
-
-
-def test_useless_points_and_normals_are_left_out():
+    # Useless points and normals are left out.
     points, normals = cone(0.01)
     plane = contours.normals_as_points([points[:, :2]], [normals], [0.01])
     assert np.allclose(plane.points[1::3], points)

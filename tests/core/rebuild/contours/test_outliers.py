@@ -9,7 +9,7 @@ import pytest
 
 from palpate.core.arrays import Bools, Floats
 from palpate.core.rebuild import contours as stacks
-from tests.core.rebuild.objects import at_height, circle, polar, turned
+from tests.core.rebuild.objects import along, at_height, circle, polar, turned
 
 HEIGHTS = np.linspace(-45.0, 45.0, 15)
 COUNT = 60
@@ -19,26 +19,29 @@ def vase(edged: bool, noise: float = 0.0, seed: int = 0) -> Floats:
     """Contours (15, 60, 3) of a lobed vase, or of a square tube."""
     turns = np.arange(COUNT) / COUNT
     if edged:
-        side = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1], [1, 1]]) * 30.0
-        ring = np.stack([np.interp(turns, np.arange(5) / 4, side[:, i]) for i in (0, 1)], axis=-1)
-        planes = [ring for _ in HEIGHTS]
+        square = along(30.0 * np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]), turns)
+        points = np.stack([at_height(square, z) for z in HEIGHTS])
     else:
-        lobes = 1 + 0.1 * np.cos(6 * np.pi * turns)
-        planes = [polar(turns, (30 + 5 * np.sin(z / 20)) * lobes) for z in HEIGHTS]
-    pairs = zip(planes, HEIGHTS, strict=True)
-    points = np.stack([at_height(plane, z) for plane, z in pairs])
+        lobed = polar(turns, 1 + 0.1 * np.cos(6 * np.pi * turns))
+        points = np.stack([at_height((30 + 5 * np.sin(z / 20)) * lobed, z) for z in HEIGHTS])
     return points + noise * np.random.default_rng(seed).normal(size=points.shape)
 
 
-def found_in(contours: Floats) -> tuple[Any, Bools]:
-    """Outliers, and a mask of the points (m, n) in their given order."""
+def outliers_of(contours: Floats) -> tuple[Any, Any]:
+    """The contours as curves, and the outliers among their points."""
     slices = stacks.stack_curves(stacks.contour_curves(list(contours)))
-    outliers = stacks.point_outliers(slices.loops, stacks.match_slices(slices, COUNT).places)
+    places = stacks.match_slices(slices, COUNT).places
+    return slices.loops, stacks.point_outliers(slices.loops, places)
+
+
+def found_in(contours: Floats) -> Bools:
+    """Mask of the outliers (m, n) in their given order."""
+    loops, outliers = outliers_of(contours)
     out = np.zeros(contours.shape[:2], bool)
-    for row, (mask, loop) in enumerate(zip(outliers.masks, slices.loops, strict=True)):
+    for row, (mask, loop) in enumerate(zip(outliers.masks, loops, strict=True)):
         bad = {tuple(point) for point in loop.as_given[mask].tolist()}
         out[row] = [tuple(point) in bad for point in contours[row, :, :2].tolist()]
-    return outliers, out
+    return out
 
 
 @pytest.mark.parametrize("edged", [False, True])
@@ -46,13 +49,13 @@ def found_in(contours: Floats) -> tuple[Any, Bools]:
 def test_outliers_are_found_and_good_points_stay(edged, noise):
     hits = misses = false_hits = 0
     for seed in range(2):
-        assert not found_in(vase(edged, noise, seed))[1].any()
+        assert not found_in(vase(edged, noise, seed)).any()
         rng = np.random.default_rng(seed + 50)
         contours = vase(edged, noise, seed)
         wrong = rng.random(contours.shape[:2]) < 0.02
         away = rng.normal(size=contours.shape)
         away *= 3.0 / np.linalg.norm(away, axis=2, keepdims=True)
-        out = found_in(contours + away * wrong[..., None])[1]
+        out = found_in(contours + away * wrong[..., None])
         hits, misses = hits + (out & wrong).sum(), misses + (~out & wrong).sum()
         false_hits += (out & ~wrong).sum()
     assert hits > 8 * misses
@@ -63,29 +66,29 @@ def test_outlier_is_moved_and_its_curve_refitted():
     contours = vase(False)
     wanted = contours[7, 20, :2].copy()
     contours[7, 20, :2] *= 1.1
-    slices = stacks.stack_curves(stacks.contour_curves(list(contours)))
-    outliers = stacks.point_outliers(slices.loops, stacks.match_slices(slices, COUNT).places)
+    loops, outliers = outliers_of(contours)
     assert [int(mask.sum()) for mask in outliers.masks] == [int(row == 7) for row in range(15)]
     assert np.linalg.norm(outliers.mended[7] - wanted, axis=1).min() < 0.02
-    again = stacks.refitted_curve(slices.loops[7], outliers.mended[7], outliers.masks[7])
+    again, same = (
+        stacks.refitted_curve(loops[row], outliers.mended[row], outliers.masks[row])
+        for row in (7, 3)
+    )
     assert again.outlier.sum() == 1
-    before = slices.loops[7]
-    assert np.array_equal(np.sort(again.as_given, axis=0), np.sort(before.as_given, axis=0))
+    assert np.array_equal(np.sort(again.as_given, axis=0), np.sort(loops[7].as_given, axis=0))
     clean = stacks.contour_curves([vase(False)[7]])[0]
     assert again.perimeter == pytest.approx(clean.perimeter, rel=1e-4)
-    same = stacks.refitted_curve(slices.loops[3], outliers.mended[3], outliers.masks[3])
-    assert same.curve is slices.loops[3].curve
+    assert same.curve is loops[3].curve
 
 
 def test_corner_shared_by_neighbours_is_no_outlier():
     ridge, alone = vase(False, 0.05), vase(False, 0.05)
     ridge[:, 20, :2] *= 1.1
     alone[7, 20, :2] *= 1.1
-    assert not found_in(ridge)[1].any()
-    assert np.argwhere(found_in(alone)[1]).tolist() == [[7, 20]]
+    assert not found_in(ridge).any()
+    assert np.argwhere(found_in(alone)).tolist() == [[7, 20]]
     alone[7, 21, :2] *= 0.93  # adjacent outliers
     alone[7, 22, :2] *= 1.1
-    assert np.argwhere(found_in(alone)[1]).tolist() == [[7, 20], [7, 21], [7, 22]]
+    assert np.argwhere(found_in(alone)).tolist() == [[7, 20], [7, 21], [7, 22]]
 
 
 LEVELS = np.linspace(-0.98, 0.98, 27)
@@ -112,10 +115,6 @@ PROFILES: dict[str, Callable[[Floats], Any]] = {
 def grid_of(name: str, heights: Floats = LEVELS, noise: float = 0.0) -> Floats:
     grid = np.asarray(PROFILES[name](heights)[:, None, None] * OVAL)
     return grid + noise * np.random.default_rng(0).normal(size=grid.shape)
-
-
-def bad_rows(grid: Floats, heights: Floats = LEVELS) -> list[int]:
-    return np.flatnonzero(stacks.inconsistent_contours(heights, grid).bad).tolist()
 
 
 @pytest.mark.parametrize("name", PROFILES)
@@ -167,19 +166,12 @@ def spoilt(name: str, rows: Any, by: float = 1.3) -> Floats:
     ],
 )
 def test_inconsistent_contours_are_found_among_features(grid, bad):
-    assert bad_rows(grid, LEVELS[: len(grid)]) == bad
-    unsure = np.full(len(grid), 0.8)  # error of the curves between points
-    assert not stacks.inconsistent_contours(LEVELS[: len(grid)], grid, unsure).bad.any()
+    levels, unsure = LEVELS[: len(grid)], np.full(len(grid), 0.8)  # error between points
+    assert np.flatnonzero(stacks.inconsistent_contours(levels, grid).bad).tolist() == bad
+    assert not stacks.inconsistent_contours(levels, grid, unsure).bad.any()
 
 
 RIM = circle(40)
-
-
-def stack(radii: Any) -> tuple[Floats, Floats]:
-    return np.linspace(-40.0, 40.0, len(radii)), np.asarray(radii)[:, None, None] * RIM
-
-
-FAR = np.where(np.arange(9) == 8, 20.0, 0.0)
 
 
 @pytest.mark.parametrize(
@@ -189,7 +181,7 @@ FAR = np.where(np.arange(9) == 8, 20.0, 0.0)
         ([30.0] * 8 + [45.0], 0.0, {8: 15.0}),  # an end that is wider, or aside
         ([45.0] + [30.0] * 8, 0.0, {0: 15.0}),
         ([30.0] * 8 + [5.0], 0.0, {}),  # but not one that rounds off
-        ([30.0] * 9, FAR, {8: 20.0}),
+        ([30.0] * 9, 20.0 * (np.arange(9) == 8), {8: 20.0}),
         ([30.0, 20.0, 30.0], 0.0, {1: 10.0}),  # the middle one of three, if it is narrow or aside
         ([30.0, 45.0, 30.0], 0.0, {}),
         ([30.0] * 3, np.array([0.0, 15.0, 0.0]), {1: 15.0}),
@@ -199,7 +191,7 @@ FAR = np.where(np.arange(9) == 8, 20.0, 0.0)
     ],
 )
 def test_feature_candidates_have_offset_from_neighbours(radii, shift, off):
-    heights, grid = stack(radii)
+    heights, grid = np.linspace(-40.0, 40.0, len(radii)), np.reshape(radii, (-1, 1, 1)) * RIM
     grid[..., 0] += np.reshape(shift, (-1, 1))
     misfits = stacks.neighbour_misfits(heights, grid)
     assert np.flatnonzero(misfits).tolist() == list(off)
@@ -243,6 +235,5 @@ def test_interpolation_errors_bound_true_errors():
         off = np.linalg.norm(loops[0].fine, axis=1) - (1.0 + 0.2 * np.cos(3 * angle))
         (bound,) = stacks.interpolation_errors(loops)
         assert np.abs(off).max() < 1.5 * bound < 1.0
-    assert np.isinf(
-        stacks.interpolation_errors(stacks.contour_curves([at_height(circle(5), 0.0)]))[0]
-    )
+    few = stacks.contour_curves([at_height(circle(5), 0.0)])
+    assert np.isinf(stacks.interpolation_errors(few)[0])

@@ -16,7 +16,6 @@ from tests.core.rebuild.objects import SECTIONS, Traced, at_height, circle, curv
 
 HEIGHTS = np.linspace(-0.9, 0.9, 9)
 COUNT = 80
-METHODS: tuple[Any, ...] = ("twist", "signature", "ray", "azimuth")
 
 
 def slices_of(contours: Any, heights: Any = None) -> Slices:
@@ -29,8 +28,8 @@ def curve_of(points: Floats) -> stacks.ContourCurve:
     return curve
 
 
-def disc(radius: float, height: float, middle: tuple[float, float] = (0.0, 0.0)) -> Floats:
-    return at_height(radius * circle(40) + middle, height)
+def disc(radius: float, height: float) -> Floats:
+    return at_height(radius * circle(40), height)
 
 
 def in_order(points: Floats) -> Floats:
@@ -164,70 +163,49 @@ def test_slices_are_dropped_afterwards_with_reason():
             slices.without(wrong, "unlike its neighbours")
 
 
-BETWEEN = np.linspace(-0.96, 0.96, 40)
-
-
 @cache
 def stack(name: str, count: int, points: int) -> Slices:
     return slices_of(Traced(name).contours(np.linspace(-0.97, 0.97, count), points))
 
 
-def loft_error(section: Any, slices: Slices, grid: Floats) -> float:
-    """Mean distance between the object and a cubic through each row of places."""
-    places = CubicSpline(slices.heights, grid, axis=0)(BETWEEN)
-    rims = [section(np.arange(1600) / 1600, float(z)) for z in BETWEEN]
-    return float(np.mean([curve_distances(*pair) for pair in zip(rims, places, strict=True)]))
-
-
-def perfect(section: Any, slices: Slices) -> Floats:
-    """The same curves at places that truly correspond."""
-    rows = []
-    for curve, z in zip(slices.curves, slices.heights, strict=True):
-        fine = curve.at(np.arange(8000) / 8000)
-        rows.append(fine[cKDTree(fine).query(section(np.arange(COUNT) / COUNT, float(z)))[1]])
-    return np.stack(rows)
-
-
 @pytest.mark.parametrize("name", SECTIONS)
 def test_matched_places_are_as_good_as_true_ones(name):
-    slices = stack(name, 9, 24)
+    slices, section, between = stack(name, 9, 24), SECTIONS[name], np.linspace(-0.96, 0.96, 40)
     matched = match_slices(slices, COUNT)
-    error = loft_error(SECTIONS[name], slices, matched.grid)
+    true = []  # the same curves at places that truly correspond
+    for curve, z in zip(slices.curves, slices.heights, strict=True):
+        fine = curve.at(np.arange(8000) / 8000)
+        true.append(fine[cKDTree(fine).query(section(np.arange(COUNT) / COUNT, float(z)))[1]])
+    rims = [section(np.arange(1600) / 1600, float(z)) for z in between]
+    # Mean distances between the object and cubics through each row of places.
+    error, exact = (
+        np.mean([curve_distances(*pair) for pair in zip(rims, loft(between), strict=True)])
+        for loft in (CubicSpline(slices.heights, grid) for grid in (matched.grid, np.stack(true)))
+    )
     # 24 points do not determine the corners of a square: which of them are cut is chance.
     allowed = 1.15 if name == "square" else 1.03
-    exact = loft_error(SECTIONS[name], slices, perfect(SECTIONS[name], slices))
     assert error < allowed * exact + 5e-6
     assert slices.star.all() == (name != "kidney") == ("azimuth" in matched.scores)
     # A score is about the error of a loft through every other contour.
     assert 0.02 * exact < matched.scores[matched.method]
 
 
-def turning(angles: Floats, count: int = 4, depth: float = 0.1) -> Slices:
-    """Lobed contours turned by angles, in turns, of 512 points each."""
-    turns = np.arange(512) / 512
-    radius = [1 + depth * np.cos(2 * np.pi * count * (turns - angle)) for angle in angles]
-    return slices_of([at_height(polar(turns, r), z) for z, r in enumerate(radius)])
-
-
-def steps_of(matched: stacks.Correspondence, slices: Slices) -> Floats:
-    """Steps [turns] of the first places from slice to slice, about the middles."""
-    away = matched.grid[:, 0] - slices.middles
-    return np.diff(np.unwrap(np.arctan2(away[:, 1], away[:, 0])) / (2 * np.pi))
-
-
 @pytest.mark.parametrize(
-    ("angles", "count", "depth", "tolerance"),
+    ("angles", "count", "tolerance"),
     [
-        (0.06 * np.arange(8), 3, 0.1, 2e-3),
-        (-0.06 * np.arange(8), 3, 0.1, 2e-3),
-        (0.11 * np.arange(8), 4, 0.1, 2e-3),  # nearly half a lobe each
-        (0.1 * np.arange(8) + 0.05 * (np.arange(8) > 3), 4, 0.1, 6e-3),  # a step like a lobe
+        (0.06 * np.arange(8), 3, 2e-3),
+        (-0.06 * np.arange(8), 3, 2e-3),
+        (0.11 * np.arange(8), 4, 2e-3),  # nearly half a lobe each
+        (0.1 * np.arange(8) + 0.05 * (np.arange(8) > 3), 4, 6e-3),  # a step like a lobe
     ],
 )
-def test_signature_follows_lobes(angles, count, depth, tolerance):
-    slices = turning(angles, count, depth)
-    matched = match_slices(slices, COUNT, "signature")
-    assert steps_of(matched, slices) == pytest.approx(np.diff(angles), abs=tolerance)
+def test_signature_follows_lobes(angles, count, tolerance):
+    turns = np.arange(512) / 512
+    rings = [polar(turns, 1 + 0.1 * np.cos(2 * np.pi * count * (turns - a))) for a in angles]
+    slices = slices_of([at_height(ring, z) for z, ring in enumerate(rings)])
+    away = match_slices(slices, COUNT, "signature").grid[:, 0] - slices.middles
+    steps = np.diff(np.unwrap(np.arctan2(away[:, 1], away[:, 0])) / (2 * np.pi))
+    assert steps == pytest.approx(np.diff(angles), abs=tolerance)
 
 
 def test_least_twist_has_smallest_sum_of_squared_distances():
@@ -244,7 +222,7 @@ def test_least_twist_has_smallest_sum_of_squared_distances():
     assert abs(off - np.round(off)) <= 0.5 / 512 + 1e-9
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", ["twist", "signature", "ray", "azimuth"])
 def test_places_lie_on_curves_in_order(method):
     slices = stack("lobed", 9, 60)
     matched = match_slices(slices, COUNT, method)

@@ -49,11 +49,6 @@ def contours(
     return heights, radius[..., None] * circle(80), {"bottom": low, "top": high}
 
 
-def mean_radius(name: str, heights: Floats) -> Floats:
-    radius = SHAPES[name](2 * np.pi * TURNS[None], heights[:, None])
-    return np.asarray(np.sqrt(np.mean(radius**2, axis=1)))
-
-
 @pytest.mark.parametrize(
     ("name", "kind"),
     [
@@ -74,8 +69,9 @@ def test_touched_end_has_family_that_predicts_last_contour(name, kind):
     assert [(end.uncovered, end.unseen, end.starlike) for end in ends] == [(0.0, 5.0, True)] * 2
     assert [end.round for end in ends] == [kind == "conic"] * 2
     for row, end in zip((0, -1), ends, strict=True):
-        levels = end.rim + (end.height - end.rim) * FRACTIONS[:-1]
-        expected = mean_radius(name, levels) / mean_radius(name, heights[[row]])
+        levels = heights[row] + (end.height - heights[row]) * FRACTIONS[:-1]
+        mean = np.sqrt(np.mean(SHAPES[name](2 * np.pi * TURNS, levels[:, None]) ** 2, axis=1))
+        expected = mean / mean[0]
         off = np.abs(end.profile.radius_ratios(FRACTIONS[:-1]) - expected)
         assert off.max() < {"sphere": 1e-6, "ellipsoid": 1e-6}.get(name, 0.02)
 
@@ -106,17 +102,9 @@ def test_untouched_flat_end_leaves_spacing_uncovered(name):
         assert close_ends(*few, bottom=-50.0, top=60.0)[1].kind in ("flat", "conic")
 
 
-def box_rows(count: int, power: float = 10.0, noise: float = 0.0, seed: int = 0) -> Any:
-    """Heights, the last 0.5 before the end, and contours of a box with rounded edges."""
-    heights = np.linspace(-49.5, 49.5, count)
-    radii = 30.0 * (1.0 - np.abs(heights / 50.0) ** power) ** (1.0 / power)
-    radii = radii + noise * np.random.default_rng(seed).normal(size=count)
-    return heights, radii[:, None, None] * circle(80)
-
-
 @pytest.mark.parametrize("count", [20, 24, 27, 40])
 def test_rounded_edge_determines_height_of_box(count):
-    heights, grid = box_rows(count)
+    heights, grid, _ = contours("rounded cylinder", 0.5, count)
     for unit in (1.0, 1e-3):
         for end in close_ends(unit * heights, unit * grid):
             assert end.kind == "superellipse"
@@ -127,9 +115,10 @@ def test_rounded_edge_determines_height_of_box(count):
         assert close_ends(heights, radii[:, None, None] * circle(80))[1].kind != "superellipse"
     assert close_ends(heights[-11:], grid[-11:])[1].kind == "fan"  # too few contours
     off = []
+    heights, grid, _ = contours("rounded cylinder", 0.5)
     for seed in range(5):
-        noisy = box_rows(27, noise=0.02, seed=seed)
-        tops = close_ends(*noisy, noise=0.02 * np.sqrt(80))
+        wider = 0.02 * np.random.default_rng(seed).normal(size=(27, 1, 1)) * circle(80)
+        tops = close_ends(heights, grid + wider, noise=0.02 * np.sqrt(80))
         off += [0.5 if end.kind == "fan" else abs(end.unseen - 0.5) for end in tops]
     assert np.sqrt(np.mean(np.square(off))) < 0.3
 

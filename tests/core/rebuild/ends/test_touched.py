@@ -5,13 +5,15 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from palpate.core.arrays import Bools, Floats
+from palpate.core.arrays import Floats
+from palpate.core.poses import rotations_from_vectors
 from palpate.core.rebuild import ends
 from palpate.core.rebuild.contours import ContactPoints, stack_points
 from palpate.core.rebuild.ends import End, Shear, end_height, levelled, shear_between
 from palpate.core.rebuild.side import fit_axis_curve, fit_radial_spline
 from palpate.core.rebuild.surface import EndPatch, close_surface, sampled_patch
-from tests.core.rebuild.objects import assert_derivatives, at_height, circle, contacts, rms
+from tests.core.rebuild import objects
+from tests.core.rebuild.objects import assert_derivatives, at_height, circle, contacts, polar, rms
 
 POSE = 1e-4
 PLACES = [(0.0, 0.0), (0.012, 0.0), (-0.012, 0.0), (0.0, 0.012), (0.0, -0.012)]
@@ -50,14 +52,6 @@ def column(slopes: Floats = NONE, pose: float = 0.0, noise: float = 0.0) -> Cont
     return stack_points([sides(), *parts])
 
 
-def single(heights: list[float], sign: float) -> ContactPoints:
-    """Touches of three taxels each, two a little short of the end."""
-    levels = (sign * (np.array(heights)[:, None] - [0.0, 5e-4, 1e-3])).ravel()
-    points = np.column_stack([np.zeros((len(levels), 2)), levels])
-    normals = np.tile([0.0, 0.0, sign], (len(levels), 1))
-    return contacts(points, normals, np.repeat(np.arange(len(heights)), 3))
-
-
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 @pytest.mark.parametrize(
     ("heights", "pose", "known", "expected"),
@@ -71,13 +65,15 @@ def single(heights: list[float], sign: float) -> ContactPoints:
     ],
 )
 def test_end_height_is_mean_of_highest_touches(heights, pose, known, expected, sign):
-    touched = single(heights, sign)
+    # Touches of three taxels each, two a little short of the end.
+    levels = sign * (np.array(heights)[:, None] - [0.0, 5e-4, 1e-3]).ravel()
+    points, normals = np.outer(levels, [0, 0, 1]), np.tile([0.0, 0.0, sign], (len(levels), 1))
+    touched = contacts(points, normals, np.arange(len(levels)) // 3)
     known_height = None if known is None else sign * known
     height = end_height(touched, sign * 0.09, sign, pose, known_height)
     assert height == (None if expected is None else pytest.approx(sign * expected))
     assert ends.on_end(touched, sign * 0.09, sign).any() == (max(heights) > 0.09)
-    inverted = single(heights, -sign)._replace(points=touched.points)
-    for blind in (touched._replace(normals=None), inverted):
+    for blind in (touched._replace(normals=None), touched._replace(normals=-normals)):
         assert not ends.on_end(blind, sign * 0.09, sign).any()
         assert end_height(blind, sign * 0.09, sign, pose, known_height) == known_height
 
@@ -85,10 +81,9 @@ def test_end_height_is_mean_of_highest_touches(heights, pose, known, expected, s
 def domed(seed: int, bend: float) -> ContactPoints:
     """Touches of a dome of 100 mm height, each off along the axis."""
     shifts = POSE * np.random.default_rng(max(seed, 0)).normal(size=5) * (seed >= 0)
-    pairs = zip(PLACES, shifts, strict=True)
-    parts = [touch(place, 0.1 + shift, NONE, 1.0, bend) for place, shift in pairs]
     low = contacts(np.array([[0.08, 0.0, -0.1]]), np.array([[1.0, 0.0, 0.0]]))
-    return stack_points([*parts, low])
+    pairs = zip(PLACES, shifts, strict=True)
+    return stack_points([*(touch(at, 0.1 + off, NONE, 1.0, bend) for at, off in pairs), low])
 
 
 @pytest.mark.parametrize("bend", [1 / 0.2, 1 / 0.6])
@@ -101,30 +96,19 @@ def test_pose_errors_of_dome_average_out(bend):
     assert errors.std() < 0.6 * POSE  # the highest touch has 0.67, and a bias of 1.2
 
 
-def sheared(
-    touched: ContactPoints, known: tuple[float | None, float | None] = (0.0, None)
-) -> Shear:
-    shear = shear_between(touched, NONE, known)
-    assert shear is not None
-    return shear
-
-
 @pytest.mark.parametrize(("pose", "noise"), [(0.0, 0.0), (1e-4, 0.0), (0.0, 1e-5)])
 def test_shear_has_slopes_of_oblique_top(pose, noise):
-    shear = sheared(column(SLOPES, pose, noise), (-1e-3, None))
+    shear = shear_between(column(SLOPES, pose, noise), NONE, (-1e-3, None))
     assert shear.steepness(-1e-3) == pytest.approx(0.0, abs=1e-12)
     top = shear.slopes + 0.08 * shear.change
     assert top == pytest.approx(SLOPES, abs=1e-12 + 200.0 * noise + 0.05 * pose / 0.08)
     bottom = [touch(place, 0.0, SLOPES, -1.0) for place in PLACES]
-    alike = sheared(stack_points([column(SLOPES, pose, noise), *bottom]), (None, None))
+    whole = stack_points([column(SLOPES, pose, noise), *bottom])
+    alike = shear_between(whole, NONE, (None, None))
     assert alike.change == pytest.approx(NONE, abs=1e-12 + 3e3 * noise + pose)
-    assert ends.is_known_untouched(column(SLOPES), -1.0, 0.0) and ends.is_known_untouched(
-        column(), 1.0, 0.081
-    )
-    assert not (
-        ends.is_known_untouched(column(), 1.0, 0.08)
-        or ends.is_known_untouched(column(), -1.0, None)
-    )
+    assert ends.is_known_untouched(column(SLOPES), -1.0, 0.0)
+    for sign, known, is_untouched in ((1.0, 0.081, True), (1.0, 0.08, False), (-1.0, None, False)):
+        assert ends.is_known_untouched(column(), sign, known) == is_untouched
     slight = shear_between(column(0.03 * SLOPES, noise=noise), NONE, (0.0, None))
     assert slight is not None  # taxels of little noise resolve a small slope
     if noise == pose == 0.0:
@@ -142,25 +126,22 @@ def test_shear_has_slopes_of_oblique_top(pose, noise):
     ],
 )
 def test_other_touches_do_not_change_plane_of_top(more):
-    shear = sheared(stack_points([column(SLOPES), more]))
+    shear = shear_between(stack_points([column(SLOPES), more]), NONE, (0.0, None))
     assert shear.slopes + 0.08 * shear.change == pytest.approx(SLOPES, abs=1e-3)
     assert shear.steepness(0.0) == pytest.approx(0.0, abs=1e-12)
 
 
-def gable() -> ContactPoints:
-    flanks = [
-        touch((sign * away, 0.004 * k), 0.08, np.array([-0.3 * sign, 0.0]))
-        for sign in (1.0, -1.0)
-        for k, away in enumerate((0.006, 0.01, 0.014))
-    ]
-    return stack_points([sides(), *flanks])
+FLANKS = [
+    touch((sign * away, 0.004 * k), 0.08, np.array([-0.3 * sign, 0.0]))
+    for sign in (1.0, -1.0)
+    for k, away in enumerate((0.006, 0.01, 0.014))
+]
 
 
 def leaning() -> ContactPoints:
     """A column that leans as a whole, by more than a slicing axis is off."""
     bottom = [touch(place, 0.0, NONE, -1.0) for place in PLACES]
-    c, s = np.cos(np.arctan(0.2)), np.sin(np.arctan(0.2))
-    turn = np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
+    turn = rotations_from_vectors(np.array([[0.0, np.arctan(0.2), 0.0]]))[0]
     whole = stack_points([column(), *bottom])
     return whole._replace(points=whole.points @ turn.T, normals=np.asarray(whole.normals) @ turn.T)
 
@@ -175,7 +156,7 @@ def leaning() -> ContactPoints:
             [sides(), touch(PLACES[0], 0.08, SLOPES)]
             + [touch(place, 0.08, SLOPES, 1.0, 7.0) for place in PLACES[1:]]
         ),
-        gable(),
+        stack_points([sides(), *FLANKS]),
         stack_points([column(SLOPES), sides(0.09, 0.004)]),
         leaning(),
     ],
@@ -194,9 +175,8 @@ SHEAR = Shear(np.array([0.01, -0.02]), np.array([0.2, -0.1]), np.array([1.5, 0.8
 
 def ball_at(v: Floats, turns: Floats) -> Floats:
     """A grid of a ball of 30 mm radius."""
-    polar, rim = np.pi * v[:, None, None], np.array([np.cos(a := 2 * np.pi * turns), np.sin(a)]).T
-    flat = 0.03 * np.sin(polar) * rim
-    return np.dstack([flat, 0.05 - 0.03 * np.cos(polar[..., 0]) + 0.0 * flat[..., 0]])
+    rings = zip(0.03 * np.sin(np.pi * v), 0.05 - 0.03 * np.cos(np.pi * v), strict=True)
+    return np.stack([at_height(polar(turns, radius), z) for radius, z in rings])
 
 
 def test_shear_is_inverted_and_carries_derivatives_and_normals():
@@ -232,8 +212,7 @@ def test_shear_is_inverted_and_carries_derivatives_and_normals():
 def test_middle_of_round_end_follows_touched_lean(lean):
     """A column of 30 mm radius that ends in half an ellipsoid, sheared by a lean."""
     count = 9000
-    turn, rise = np.arange(count) * 0.618034 % 1.0, (np.arange(count) + 0.5) / count * 3.0 - 2.0
-    out = np.column_stack([np.cos(2 * np.pi * turn), np.sin(2 * np.pi * turn)])
+    out, rise = polar(np.arange(count) * 0.618034, 1.0), (np.arange(count) + 0.5) / count * 3 - 2
     ratio, ahead = np.sqrt(1.0 - np.maximum(rise, 0.0) ** 2), np.maximum(rise, 0.0)
     level = 2.0 * ratio[:, None] * out / 0.03
     upward = np.where(rise > 0.0, (2.0 * ahead - level @ lean) / 0.03, 0.0)
@@ -289,19 +268,13 @@ def test_bulging_face_is_height_field_with_true_error():
     squares = []
     for seed in range(12):
         relief = relieved(pads(seed, count=6)).relief
-        assert relief is not None
         squares.append([np.mean((relief.at(INSIDE) - face(INSIDE)) ** 2), relief.deviation**2])
         if seed < 3:
             exact = relieved(pads(seed, 0.0), None).relief
-            assert exact is not None
             assert rms(exact.at(INSIDE) - face(INSIDE)) < 1e-5
     error, stated = np.sqrt(np.mean(squares, axis=0))
     assert 0.5 * stated < error < 1.5 * stated
     assert error < 2.0 * POSE
-
-
-def only(touched: ContactPoints, kept: Bools) -> ContactPoints:
-    return ContactPoints(*(np.asarray(field)[kept] for field in touched))
 
 
 def test_too_few_touches_determine_no_relief():
@@ -311,26 +284,23 @@ def test_too_few_touches_determine_no_relief():
         few = pads(seed, count=4)
         nth = np.concatenate([np.arange((few.touch == one).sum()) for one in range(4)])
         for taxels in (3, 4, 7):
-            assert relieved(only(few, nth < taxels)).relief is None
+            assert relieved(objects.only(few, nth < taxels)).relief is None
         half = pads(seed, count=5)
-        kept = only(half, half.points[:, 0] < -6e-3)
+        kept = objects.only(half, half.points[:, 0] < -6e-3)
         relief = relieved(kept, None).relief  # nowhere far above what was touched
         if relief is not None:
             rise = np.abs(relief.at(kept.points[:, :2])).max()
             assert np.abs(relief.at(0.95 * ROW)).max() <= 2.0 * rise
     many = pads(0, count=40)
     beside = np.hypot(*many.points[:, :2].T) > 0.8 * RADIUS
-    assert relieved(only(many, beside)).relief is None
+    assert relieved(objects.only(many, beside)).relief is None
 
 
 def test_relief_is_part_of_surface_and_its_derivatives():
-    end = relieved(pads(0))
-    side = sampled_patch(
-        lambda v, t: np.dstack([RADIUS * np.cos(2 * np.pi * t) + 0 * v[:, None],
-                                RADIUS * np.sin(2 * np.pi * t) + 0 * v[:, None],
-                                RIM * v[:, None] + 0 * t])
-    )  # fmt: skip
-    surface = close_surface(side, level_ends()[0], end)
+    def column_at(v: Floats, turns: Floats) -> Floats:
+        return np.stack([at_height(RADIUS * polar(turns, 1.0), RIM * one) for one in v])
+
+    surface = close_surface(sampled_patch(column_at), level_ends()[0], relieved(pads(0)))
     pieces = [one for one in surface.pieces if isinstance(one, EndPatch) and one.upper]
     v, turns = np.array([0.2, 0.5, 0.9]), np.array([0.1, 0.45, 0.8])
     for piece in pieces:

@@ -7,10 +7,10 @@ import pytest
 import scipy
 import trimesh
 
-from palpate.core.arrays import Floats, Ints
-from palpate.core.rebuild.contours import ContactPoints
+from palpate.core.rebuild.contours import ContactPoints, stack_points
 from palpate.core.rebuild.general import rebuild_general, tears, wall_cell, wall_thickness
 from palpate.core.shapes import Mesh
+from tests.core.rebuild.objects import circle, contacts
 
 CELL = 4.0e-3
 
@@ -26,25 +26,17 @@ def tube(
         out = np.stack([np.cos(turn), np.sin(turn), 0.0 * turn], axis=-1).reshape(-1, 3)
         points.append(radius[side] * out + height.reshape(-1, 1) * [0.0, 0.0, 1.0])
         normals.append(out if side == 0 else -out)
-    every = np.concatenate(points)
-    return ContactPoints(every, np.concatenate(normals), np.arange(len(every), dtype=np.int32))
+    places = np.concatenate(points)
+    return contacts(places, np.concatenate(normals), np.arange(len(places)))
 
 
-@pytest.mark.parametrize("thickness", [1.5e-3, 3.0e-3, 6.0e-3])
-def test_thickness_of_a_wall_is_found_where_both_sides_were_touched(thickness: float):
-    found = wall_thickness(tube(thickness), 8.0e-3)
-    assert found == pytest.approx(thickness, rel=0.1)
-
-
-def test_wall_of_which_one_side_was_touched_is_none():
-    assert wall_thickness(tube(2.0e-3, inside=0), 8.0e-3) is None
-    assert wall_cell(tube(2.0e-3, inside=0), CELL) == CELL
-
-
-def test_slot_as_narrow_as_a_wall_is_none():
-    outer = tube(2.0e-3)
-    assert outer.normals is not None
-    slot = ContactPoints(outer.points, -outer.normals, outer.touch)
+def test_thickness_of_a_wall_is_found_where_both_sides_were_touched():
+    for thickness in (1.5e-3, 3.0e-3, 6.0e-3):
+        assert wall_thickness(tube(thickness), 8.0e-3) == pytest.approx(thickness, rel=0.1)
+    outer_side, wall = tube(2.0e-3, inside=0), tube(2.0e-3)
+    assert wall_thickness(outer_side, 8.0e-3) is None
+    assert wall_cell(outer_side, CELL) == CELL
+    slot = wall._replace(normals=-np.asarray(wall.normals))
     assert wall_thickness(slot, 8.0e-3) is None
 
 
@@ -54,10 +46,18 @@ def test_cells_are_no_larger_than_walls_and_change_by_steps():
     assert cells[1] <= 2.2e-3 and cells[2] <= 3.3e-3
 
 
-def cup_points(thickness: float) -> tuple[Floats, Floats]:
-    """Points and normals of a cup of 30 by 24 mm, its rim and its bottom included."""
-    rim = 0.015
-    inner, steps = rim - thickness, 40
+def test_holes_and_parts_count_as_tears():
+    ball, ring = trimesh.creation.icosphere(2), trimesh.creation.torus(1.0, 0.3)
+    both = trimesh.util.concatenate([ring, ring.copy().apply_translation([5.0, 0.0, 0.0])])
+    meshes = [Mesh(one.vertices, one.faces.astype(np.int32)) for one in (ball, ring, both)]
+    assert [*map(tears, meshes)] == [0, 1, 3]
+
+
+@pytest.mark.slow  # some 5,000 cells
+def test_cup_with_a_wall_of_half_a_cell_is_one_smooth_piece():
+    """A cup of 30 by 24 mm, touched on its rim and its bottom as well."""
+    rim, thickness = 0.015, 2.0e-3
+    inner = rim - thickness
     profile = [  # start, end and normal of each part of its section, radius and height
         ((0.0, 0.0), (rim, 0.0), (0.0, -1.0)),
         ((rim, 0.0), (rim, 0.024), (1.0, 0.0)),
@@ -65,33 +65,16 @@ def cup_points(thickness: float) -> tuple[Floats, Floats]:
         ((inner, 0.024), (inner, thickness), (-1.0, 0.0)),
         ((inner, thickness), (0.0, thickness), (0.0, 1.0)),
     ]
-    points, normals = [], []
+    parts = []
     for start, end, normal in profile:
         length = float(np.hypot(*np.subtract(end, start)))
-        along = np.linspace(0.0, 1.0, max(2, round(length / 1e-3)), endpoint=False)[1:]
-        place = np.array(start) + along[:, None] * np.subtract(end, start)
-        turns = np.linspace(0.0, 2.0 * np.pi, steps, endpoint=False)
-        for turn in turns:
-            out = np.array([np.cos(turn), np.sin(turn), 0.0])
-            up = np.array([0.0, 0.0, 1.0])
-            points.append(place[:, :1] * out + place[:, 1:] * up)
-            normals.append(np.tile(normal[0] * out + normal[1] * up, (len(place), 1)))
-    return np.concatenate(points), np.concatenate(normals)
-
-
-def test_holes_and_parts_count_as_tears():
-    ball, ring = trimesh.creation.icosphere(2), trimesh.creation.torus(1.0, 0.3)
-    both = trimesh.util.concatenate([ring, ring.copy().apply_translation([5.0, 0.0, 0.0])])
-    assert [tears(Mesh(*one)) for one in map(_parts, (ball, ring, both))] == [0, 1, 3]
-
-
-def _parts(mesh: trimesh.Trimesh) -> tuple[Floats, Ints]:
-    return np.asarray(mesh.vertices), np.asarray(mesh.faces, np.int32)
-
-
-@pytest.mark.slow  # some 5,000 cells
-def test_cup_with_a_wall_of_half_a_cell_is_one_smooth_piece():
-    points, normals = cup_points(2.0e-3)
+        shares = np.linspace(0.0, 1.0, max(2, round(length / 1e-3)), endpoint=False)[1:]
+        radius, height = (np.array(start) + shares[:, None] * np.subtract(end, start)).T
+        for out in circle(40):
+            points = np.column_stack([radius[:, None] * out, height])
+            normals = np.broadcast_to([*(normal[0] * out), normal[1]], points.shape)
+            parts.append(contacts(points, normals))
+    points, normals, _ = stack_points(parts)
     inside = np.linspace(-0.008, 0.008, 9)
     free = np.stack(np.meshgrid(inside, inside, np.linspace(0.004, 0.03, 14)), -1).reshape(-1, 3)
     found = rebuild_general(points, normals, free=free, outward=True, cell=CELL)

@@ -10,11 +10,11 @@ import pytest
 
 from palpate.core.arrays import Floats
 from palpate.core.rebuild import LatticeSolid, reconstruct
-from palpate.core.rebuild.lattice import LatticeFit, fit_lattice, lattice_grid, refine_lattice
+from palpate.core.rebuild.lattice import fit_lattice, lattice_grid, refine_lattice
 from palpate.core.rebuild.side import ContourLoft, fit_contour_loft
 from palpate.core.splines import Basis, Lattice, SplineVolume, box_lattice
 from tests.core.rebuild import objects
-from tests.core.rebuild.objects import at_height, circle, slow
+from tests.core.rebuild.objects import SECTIONS, at_height, circle, slow
 
 TURNS = np.arange(96) / 96
 
@@ -22,7 +22,8 @@ TURNS = np.arange(96) / 96
 @cache
 def loft(name: str, rows: int = 27, around: int = 80, noise: float = 0.0) -> ContourLoft:
     heights = np.linspace(-0.98, 0.98, rows)
-    grid = objects.sampled(name, heights, around, noise)
+    grid = np.stack([SECTIONS[name](np.arange(around) / around, float(z)) for z in heights])
+    grid = grid + noise * np.random.default_rng(0).normal(size=grid.shape)
     return fit_contour_loft(heights, grid, low=-1.0, high=1.0)
 
 
@@ -30,10 +31,6 @@ def prism(plane: Floats) -> ContourLoft:
     """A loft of one section, between -1 and 1."""
     heights = np.linspace(-0.98, 0.98, 9)
     return fit_contour_loft(heights, np.repeat(plane[None], 9, axis=0), low=-1.0, high=1.0)
-
-
-def places(count: int, seed: int = 0) -> Floats:
-    return np.random.default_rng(seed).random((2, count))
 
 
 @pytest.mark.parametrize(
@@ -45,15 +42,19 @@ def test_lattice_is_as_accurate_as_loft_without_folds(name, noise):
     assert fit.health.folded == 0.0
     assert fit.health.rms < max(0.1 * skin.uncertainty().rms, 1e-5)
     v, turns = np.random.default_rng(1).uniform(0.05, 0.95, (2, 400))
-    sides = (side.at(v, turns) for side in (fit.side, skin.patch))
-    errors = [float(objects.section_distances(name, side).mean()) for side in sides]
+    errors = []
+    for side in (fit.side, skin.patch):
+        points = side.at(v, turns)
+        rims = [SECTIONS[name](np.arange(1600) / 1600, float(z)) for z in points[:, 2]]
+        pairs = zip(rims, points[:, None, :2], strict=True)
+        errors.append(np.mean([objects.curve_distances(*pair) for pair in pairs]))
     assert errors[0] < 1.05 * errors[1] + 1e-5
 
 
 def test_side_is_deformed_prism():
     skin = loft("lobed")
     fit = fit_lattice(skin.patch)
-    v, turns = places(300)
+    v, turns = np.random.default_rng(0).random((2, 300))
     side, there = fit.side.at(v, turns), skin.patch.at(v, turns)
     local = np.column_stack([fit.section.rim(turns), v])
     assert np.allclose(fit.lattice.deform(fit.prism.points(local)), side, rtol=0, atol=1e-12)
@@ -76,10 +77,7 @@ def test_derivatives_of_side_are_those_of_differences(weighted):
 def test_folds_of_lattices_are_reported():
     sound = fit_lattice(loft("bent tube", 9, 24).patch, size=(4, 5))
     assert sound.folds().verdict == "sound"
-    angle = 2 * np.pi * np.arange(80) / 80
-    bend, width = 1.9 * np.sin(angle), 0.52 + 0.16 * np.cos(angle)
-    plane = width[:, None] * np.column_stack([np.cos(bend), np.sin(bend)])
-    kidney = fit_lattice(prism(plane).patch, 1e-3)
+    kidney = fit_lattice(prism(SECTIONS["kidney"](np.arange(80) / 80, 0.0)).patch, 1e-3)
     assert 0.0 < kidney.health.folded < 0.4
     assert kidney.health.rms < 1e-3
     steps = np.diff(np.unwrap(np.arctan2(*(kidney.section.rim(TURNS) - 0.5).T)))
@@ -147,22 +145,17 @@ def outwards(v: float, turns: float, by: float) -> Floats:
     return np.asarray((surface.at(v, turns) + by * surface.normals(v, turns))[None])
 
 
-def lattice_of(solid: LatticeSolid) -> LatticeFit:
-    assert solid.lattice is not None
-    return solid.lattice
-
-
 @pytest.mark.parametrize("weights", [slow(False), True])
 def test_refined_side_passes_point_and_stays_elsewhere(weights):
     point = outwards(0.55, 0.2, 3.0)
     refined = ball().refined(point, weights=weights)
     assert abs(refined.search().nearest(point).distances[0]) < 1e-6
-    refinement = lattice_of(refined).refinement
+    refinement = refined.lattice.refinement
     assert refinement.before == pytest.approx(3.0, rel=1e-3)
     assert (refinement.points, refinement.beyond, refinement.folded) == (1, 0, 0.0)
     assert max(refinement.after, refinement.most) < 1e-6
-    assert (lattice_of(refined).lattice.volume.weights is not None) == weights
-    v, turns = places(500)
+    assert (refined.lattice.lattice.volume.weights is not None) == weights
+    v, turns = np.random.default_rng(0).random((2, 500))
     before, after = (solid.surface.at(v, turns) for solid in (ball(), refined))
     moved = np.linalg.norm(after - before, axis=1)
     far = np.linalg.norm(before - ball().surface.at(0.55, 0.2), axis=1) > 70.0
@@ -170,15 +163,15 @@ def test_refined_side_passes_point_and_stays_elsewhere(weights):
     assert far.sum() > 100 and moved[far].max() < 3e-4
     own = ball().refined(np.zeros((0, 3))).surface  # that of the lattice
     on_surface = own.at([0.3, 0.5, 0.7], [0.1, 0.4, 0.9])
-    same = lattice_of(ball().refined(on_surface, weights=weights))
+    same = ball().refined(on_surface, weights=weights).lattice
     assert same.refinement.steps == 0
-    assert np.array_equal(same.lattice.control, lattice_of(ball()).lattice.control)
+    assert np.array_equal(same.lattice.control, ball().lattice.lattice.control)
     health = refined.health()
     names = ("points", "beyond", "before", "after", "moved")
     assert [health[f"refined_{name}"] for name in names] == [getattr(refinement, n) for n in names]
     assert health["lattice_folded"] == 0.0
     if weights:  # then control points move less
-        plain = lattice_of(ball().refined(point)).refinement
+        plain = ball().refined(point).lattice.refinement
         assert refinement.moved < plain.moved
 
 
@@ -187,28 +180,26 @@ def test_contradictory_and_uncertain_points_are_met_halfway():
     both = np.concatenate([outwards(0.5, 0.3, 2.0), outwards(0.5, 0.3, -1.0)])
     refined = ball().refined(both)
     assert abs(refined.search().nearest(outwards(0.5, 0.3, 0.5)).distances[0]) < 0.05
-    assert lattice_of(refined).refinement.most == pytest.approx(1.5, rel=0.05)
+    assert refined.lattice.refinement.most == pytest.approx(1.5, rel=0.05)
     point = outwards(0.5, 0.3, 2.0)
-    left = [lattice_of(ball().refined(point, sigma=s)).refinement.after for s in (0.02, 2.0, 20.0)]
+    left = [ball().refined(point, sigma=s).lattice.refinement.after for s in (0.02, 2.0, 20.0)]
     assert left[0] < 0.01 and left[2] > 1.8
     assert left[1] == pytest.approx(1.0, rel=0.1)
 
 
 def test_ends_and_poles_are_not_refined():
     refined = tube().refined([[0.1, 0.0, 1.2], [0.0, 0.0, -0.1]])
-    refinement = lattice_of(refined).refinement
+    refinement = refined.lattice.refinement
     assert (refinement.beyond, refinement.points) == (2, 0)
     assert refined.health()["refined_beyond"] == 2.0
-    assert np.array_equal(lattice_of(refined).lattice.control, lattice_of(tube()).lattice.control)
+    assert np.array_equal(refined.lattice.lattice.control, tube().lattice.lattice.control)
     pulled = ball().refined(outwards(0.97, 0.2, 2.0))
     for v in (0.0, 1.0):
         end = pulled.surface.at(np.full(20, v), np.arange(20) / 20)
         assert np.ptp(end, axis=0).max() < 1e-12
-    assert lattice_of(pulled).refinement.after < 0.2
-
-
-def test_refinement_through_other_side_folds():
+    assert pulled.lattice.refinement.after < 0.2
+    # A refinement through the other side folds.
     refined = tube().refined([[-0.6, 0.0, 0.5]])
     point, place = np.array([[-0.8, 0.0, 0.5]]), np.array([[0.5, 0.0]])
-    through = refine_lattice(lattice_of(tube()), point, place)
-    assert lattice_of(refined).refinement.folded == 0.0 < through.refinement.folded
+    through = refine_lattice(tube().lattice, point, place)
+    assert refined.lattice.refinement.folded == 0.0 < through.refinement.folded

@@ -12,7 +12,8 @@ from palpate.core.geometry import nearest_points, nearest_search, self_intersect
 from palpate.core.rebuild import reconstruct, surface as surfaces
 from palpate.core.rebuild.ends import End, close_ends
 from palpate.core.rebuild.surface import Surface, close_surface, mesh_surface
-from tests.core.rebuild.objects import Traced, assert_derivatives, circle, slow
+from tests.core.rebuild import objects
+from tests.core.rebuild.objects import Traced, assert_derivatives, at_height, circle, slow
 
 SIZE = np.array([0.05, 0.04, 0.03])
 RIM = float(SIZE[2] * np.sin(1.0))
@@ -66,8 +67,8 @@ def capped(name: str = "shoulder", shift: float = 0.0) -> Surface:
 
 
 @cache
-def searched(name: str) -> surfaces.SurfaceSearch:
-    return surfaces.search_surface(whole() if name == "whole" else capped(), 3e-4)
+def searched(surface: Callable[[], Surface]) -> surfaces.SurfaceSearch:
+    return surfaces.search_surface(surface(), 3e-4)
 
 
 def places(count: int = 400, seed: int = 1) -> tuple[Floats, Floats]:
@@ -90,8 +91,7 @@ def test_points_normals_and_curvatures_are_those_of_ellipsoid():
     mean = support**3 * (np.sum(SIZE**2) - np.sum(x**2, axis=1)) / (2.0 * np.prod(SIZE) ** 2)
     np.testing.assert_allclose(curvatures.k1 * curvatures.k2, gauss, rtol=1e-9)
     np.testing.assert_allclose(0.5 * (curvatures.k1 + curvatures.k2), mean, rtol=1e-9)
-    poles, limit = np.array([0.0, 1.0]), whole().curvatures([0.0, 1.0], [0.0, 0.0])
-    ends = whole().normals(poles, [0.1, 0.7])
+    limit, ends = whole().curvatures([0.0, 1.0], [0.0, 0.0]), whole().normals([0, 1], [0.1, 0.7])
     np.testing.assert_allclose(ends, [[0, 0, -1], [0, 0, 1]], atol=1e-4)
     np.testing.assert_allclose(limit.k1, SIZE[2] / SIZE[1] ** 2, rtol=1e-6)
     np.testing.assert_allclose(limit.k2, SIZE[2] / SIZE[0] ** 2, rtol=1e-6)
@@ -131,7 +131,7 @@ def test_derivatives_are_those_of_differences_and_pieces_meet(name):
         (lambda: mesh_surface(whole(), 0.0), "tolerance must be positive and finite"),
         (lambda: mesh_surface(whole(), np.inf), "tolerance must be positive and finite"),
         (lambda: mesh_surface(whole(), 1e-9), "tolerance must need at most 2000000 vertices, got"),
-        (lambda: searched("whole").nearest([[np.nan, 0.0, 0.0]]), "points must be finite"),
+        (lambda: searched(whole).nearest([[np.nan, 0.0, 0.0]]), "points must be finite"),
     ],
 )
 def test_surfaces_reject_invalid_arguments(ask, words):
@@ -176,9 +176,13 @@ def test_integrals_of_pieces_between_edges_are_exact():
     assert measures.area == pytest.approx(area, rel=1e-10)
 
 
+def off_mesh(points: Floats, mesh: surfaces.SurfaceMesh) -> Floats:
+    """Distances of points from a mesh."""
+    return nearest_points(nearest_search(mesh.vertices[mesh.faces]), points).distances
+
+
 def farthest(surface: Surface, mesh: surfaces.SurfaceMesh) -> float:
-    points = surface.at(*np.random.default_rng(0).random((2, 4000)))
-    return float(nearest_points(nearest_search(mesh.vertices[mesh.faces]), points).distances.max())
+    return float(off_mesh(surface.at(*np.random.default_rng(0).random((2, 4000))), mesh).max())
 
 
 def test_mesh_meets_tolerance_with_few_vertices():
@@ -197,19 +201,15 @@ def test_mesh_meets_tolerance_with_few_vertices():
 
 def twisted(v: Floats, turns: Floats) -> Floats:
     """A prism of rounded square section that turns on its way up."""
-    angle = 2 * np.pi * turns[None] + 0.0 * v[:, None]
-    radius = 0.03 * (np.cos(angle) ** 8 + np.sin(angle) ** 8) ** -0.125
-    at = angle + 1.5 * v[:, None]
-    heights = RIM * (2.0 * v[:, None] - 1.0) + 0.0 * angle
-    return np.stack([radius * np.cos(at), radius * np.sin(at), heights], axis=-1)
+    section = objects.superellipse(turns, 0.25, 0.03, 0.03)
+    return np.stack([at_height(objects.turned(section, 1.5 * x), RIM * (2.0 * x - 1.0)) for x in v])
 
 
 @pytest.mark.parametrize("name", [*PROFILES, slow("twisted")])
 def test_meshes_with_ends_are_closed_and_within_tolerance(name):
     if name == "twisted":
-        surface = close_surface(
-            surfaces.sampled_patch(twisted), FAN, end_of(PROFILES["wall"], 0.01)
-        )
+        end = end_of(PROFILES["wall"], 0.01)
+        surface = close_surface(surfaces.sampled_patch(twisted), FAN, end)
     else:
         surface = capped(name)
     mesh = mesh_surface(surface)
@@ -221,35 +221,31 @@ def test_meshes_with_ends_are_closed_and_within_tolerance(name):
 
 def test_nearest_points_of_ellipsoid_are_exact_in_any_unit():
     points = 0.04 * np.random.default_rng(0).normal(size=(1000, 3))
-    foot = searched("whole").nearest(points)
+    foot = searched(whole).nearest(points)
     assert foot.converged.all()
     np.testing.assert_allclose(np.linalg.norm(foot.points / SIZE, axis=1), 1.0, atol=1e-14)
     across = np.cross(points - foot.points, units(foot.points / SIZE**2))
     np.testing.assert_allclose(across, 0.0, atol=1e-7)
     inside = np.linalg.norm(points / SIZE, axis=1) < 1.0
     np.testing.assert_array_equal(foot.distances < 0.0, inside)
-    np.testing.assert_array_equal(searched("whole").inside(points), inside)
+    np.testing.assert_array_equal(searched(whole).inside(points), inside)
     np.testing.assert_allclose(whole().at(foot.v, foot.turns), foot.points, atol=1e-15)
-    on_axis = searched("whole").nearest([[0.0, 0.0, 0.2], [0.0, 0.0, -0.2]])
+    on_axis = searched(whole).nearest([[0.0, 0.0, 0.2], [0.0, 0.0, -0.2]])
     np.testing.assert_allclose(on_axis.distances, 0.17, rtol=1e-12)
     np.testing.assert_allclose(on_axis.points[:, 2], [0.03, -0.03])
     sphere = surfaces.search_surface(close_surface(EllipsoidSide(np.full(3, 0.03))), 3e-4)
     assert sphere.nearest([[0.0, 0.0, 0.0]]).distances == pytest.approx(-0.03)
     for unit in (1e-6, 1e6):
         scaled = surfaces.search_surface(close_surface(EllipsoidSide(SIZE * unit)), 3e-4 * unit)
-        there = scaled.nearest(unit * points[:200])
+        there, normals = scaled.nearest(unit * points[:200]), scaled.surface.normals(*places(50))
         np.testing.assert_allclose(there.distances / unit, foot.distances[:200], rtol=1e-9)
-        np.testing.assert_allclose(
-            scaled.surface.normals(*places(50)), whole().normals(*places(50)), atol=1e-12
-        )
+        np.testing.assert_allclose(normals, whole().normals(*places(50)), atol=1e-12)
 
 
 def test_nearest_points_across_edges_are_no_farther_than_fine_mesh():
     points = 0.03 * np.random.default_rng(1).normal(size=(2000, 3))
-    foot = searched("capped").nearest(points)
-    fine = mesh_surface(capped(), 1e-5)
-    near = nearest_points(nearest_search(fine.vertices[fine.faces]), points)
-    worse = np.abs(foot.distances) - near.distances
+    foot = searched(capped).nearest(points)
+    worse = np.abs(foot.distances) - off_mesh(points, mesh_surface(capped(), 1e-5))
     assert foot.converged.all()
     assert worse.min() >= -1e-5 and worse.max() <= 3e-4
     # Only near the middle, where places far apart are almost equally near.
@@ -262,19 +258,17 @@ def test_distances_next_to_surface_keep_digits_and_sign(off):
     apart = np.abs(v[:, None] - capped().seams).min(axis=1) > 0.02  # normals meet inside an edge
     v, turns = v[apart], turns[apart]
     points = capped().at(v, turns) + off * capped().normals(v, turns)
-    np.testing.assert_allclose(searched("capped").nearest(points).distances, off, rtol=1e-6)
+    np.testing.assert_allclose(searched(capped).nearest(points).distances, off, rtol=1e-6)
     turns = np.arange(40) / 40
     edge = capped().at(np.full(40, capped().seams[1]), turns)
     beyond = edge + 10.0 * off * units(edge)
-    assert (searched("capped").inside(beyond) == (off < 0.0)).all()
+    assert (searched(capped).inside(beyond) == (off < 0.0)).all()
 
 
 def test_sampled_patch_interpolates_function():
     def ball(v: Floats, turns: Floats) -> Floats:
-        eta = np.pi * (v**2 - 0.5)[:, None]
-        omega = 2 * np.pi * (turns + 0.1 * np.sin(2 * np.pi * turns))[None]
-        rim = np.cos(eta) * np.cos(omega), np.cos(eta) * np.sin(omega), np.sin(eta + 0 * omega)
-        return 2.0 * np.stack(rim, axis=-1)
+        eta, uneven = np.pi * (v**2 - 0.5), turns + 0.1 * np.sin(2 * np.pi * turns)
+        return np.stack([2 * at_height(objects.polar(uneven, np.cos(x)), np.sin(x)) for x in eta])
 
     patch, step = surfaces.sampled_patch(ball, rows=81, turns=96), 1e-5
     v, turns = np.linspace(0.05, 0.95, 40), np.linspace(0.0, 2.0, 40)
@@ -287,9 +281,8 @@ def test_sampled_patch_interpolates_function():
     assert steps.max() < 1.4 * steps.min()  # even, whatever the parameters
     surface = surfaces.closed_surface((patch,))
     assert np.ptp(surface.at(np.zeros(5), np.linspace(0, 1, 5)), axis=0).max() < 1e-12
-    assert surfaces.measure_surface(surface).moments.volume == pytest.approx(
-        32 / 3 * np.pi, rel=1e-5
-    )
+    volume = surfaces.measure_surface(surface).moments.volume
+    assert volume == pytest.approx(32 / 3 * np.pi, rel=1e-5)
     coarse, fine = (surfaces.sampled_patch(twisted, n, n) for n in (41, 161))
     assert 0.0 < fine.miss < 0.2 * coarse.miss < 1e-4
 
