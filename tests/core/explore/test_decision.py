@@ -1,7 +1,5 @@
 """What follows from what is known of an upright cylinder: no node, no message, no socket."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from typing import Any

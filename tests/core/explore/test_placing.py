@@ -1,7 +1,5 @@
 """How an object lies that was turned over, from contacts of the hand on the solid as known."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What an exploration has found: ends, contours as planners see them, fingers, swept space."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import Any

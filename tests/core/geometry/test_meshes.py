@@ -18,14 +18,14 @@ EXACT = 1e-12
 def doubled_edge() -> Mesh:
     """Two cubes with an edge in common: four faces at one edge."""
     second = BOX.faces + 8
-    second[BOX.faces == 0], second[BOX.faces == 4] = 2, 6
+    second[BOX.faces == 0], second[BOX.faces == 1] = 6, 7
     vertices = np.concatenate([BOX.vertices, BOX.vertices + np.array([1.0, 1.0, 0.0])])
     return Mesh(vertices, np.concatenate([BOX.faces, second]))
 
 
 def common_vertex() -> Mesh:
     """Two cubes that touch in a vertex, which both name."""
-    second = np.where(BOX.faces == 0, 6, BOX.faces + 8)
+    second = np.where(BOX.faces == 0, 7, BOX.faces + 8)
     vertices = np.concatenate([BOX.vertices, BOX.vertices + 1.0])
     return Mesh(vertices, np.concatenate([BOX.faces, second]))
 

@@ -9,13 +9,9 @@ import trimesh
 from palpate.core.arrays import Floats, Ints
 from palpate.core.geometry import join_rings, solidity
 from palpate.core.shapes import Mesh, mend_mesh
-from tests.core.geometry.bodies import SPHERE, TORUS, ball, joined, moved
+from tests.core.geometry.bodies import SPHERE, TORUS, arrays, ball, joined, moved
 
 RADIUS = 0.04
-
-
-def arrays(mesh: Any) -> Mesh:
-    return Mesh(np.array(mesh.vertices, np.float64), np.array(mesh.faces, np.int32))
 
 
 BALL, RING = SPHERE, moved(TORUS, 0.0, 0.01)

@@ -1,7 +1,5 @@
 """Laws of the outside of any triangles: closed, where rays meet it, whatever the triangles are."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

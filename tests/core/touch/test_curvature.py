@@ -1,7 +1,5 @@
 """Normal and curvatures of one touch with their errors, and of shape operators."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import Any

@@ -1,7 +1,5 @@
 """Filters of Wiener and median, and the impulses of a frame."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Curvatures of overlapping touches, fused."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

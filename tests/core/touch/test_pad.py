@@ -1,7 +1,5 @@
 """The pad: its geometry, contact and signals, and guarded moves onto solids of every kind."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache

@@ -1,7 +1,5 @@
 """The stages of a touch: their order, states, random draws, and what they may leave behind."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any, ClassVar
 

@@ -1,7 +1,5 @@
 """Gains, offsets and speed of sound, estimated from touches of known shapes."""
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np

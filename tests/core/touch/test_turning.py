@@ -1,7 +1,5 @@
 """A hand that turns an object over: it rests on one of its sides, near to where it was asked."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

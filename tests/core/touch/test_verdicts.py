@@ -1,7 +1,5 @@
 """Verdicts on a touch: smooth, edge, corner, insufficient or a miss, and frames at fault."""
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from dataclasses import replace

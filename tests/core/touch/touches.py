@@ -1,7 +1,5 @@
 """Pads, fingers, touches that have come as far as a test wants them, and random ones by kind."""
 
-from __future__ import annotations
-
 from dataclasses import fields, replace
 from typing import Any, NamedTuple
 

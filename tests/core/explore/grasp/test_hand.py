@@ -1,7 +1,5 @@
 """A closing hand: where its fingers go, what they touch, and where it closes next."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from functools import cache

@@ -1,7 +1,5 @@
 """Round bodies with simple formulas, what a planner observes of them, and whole explorations."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """What no pad has touched, and how large the error is between slices."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

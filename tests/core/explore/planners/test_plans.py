@@ -1,7 +1,5 @@
 """Plans: the same in any unit, they end, and each planner goes where its rule says."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """What a planner observes and answers, how it is made, and how a solid is judged."""
 
-from __future__ import annotations
-
 import doctest
 import math
 from dataclasses import dataclass

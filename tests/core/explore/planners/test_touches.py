@@ -1,7 +1,5 @@
 """Single touches: where they can be made, which is made, and when they are over."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """On which side an object is set down, and what is open as it lies now."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Where the next touch goes: search, steps, corners, gaps and their walls, reacquisition, ends."""
 
-from __future__ import annotations
-
 import itertools
 import math
 

@@ -1,7 +1,5 @@
 """Contours of known solids: closed on the surface, in few touches, with gaps where no pad fits."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from functools import cache

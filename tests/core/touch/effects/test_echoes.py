@@ -1,7 +1,5 @@
 """What an element of the array sees and hears: its aperture, warmth, lost and mixed echoes."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import Any

@@ -1,7 +1,5 @@
 """Electronics and line: patterns of taxels, noise, impulses, steps, and late frames."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

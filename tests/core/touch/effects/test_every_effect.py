@@ -1,7 +1,5 @@
 """What holds for all effects alike, and how they are found by name."""
 
-from __future__ import annotations
-
 import math
 import re
 from dataclasses import fields

@@ -1,7 +1,5 @@
 """The pad's rubber: half-space, hardening, saturation, skirt and creep."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 
