@@ -39,9 +39,6 @@ def test_wiener_pulls_to_the_mean_by_the_noise_share():
             signal = max(nine.var() - variance, 0.0)
             pulled = nine.mean() + signal / nine.var() * (image[row, col] - nine.mean())
             assert result[row, col] == pytest.approx(pulled, abs=1e-13)
-    for value in (0.0, 1e-3, -7.0, 1e8):
-        constant = np.full((6, 9), value)
-        assert np.allclose(adaptive_wiener(constant, NOISE**2), constant, rtol=1e-15, atol=0)
 
 
 @pytest.mark.parametrize(("offset", "rounding"), [(1e6, 1e-8), (1e8, 1e-6)])

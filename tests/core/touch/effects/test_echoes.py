@@ -35,12 +35,6 @@ def over(height: Height, depth: float) -> SimulatedTouch:
     return touch(believed=start, actual=start, depth=depth, shape=Ground(height))
 
 
-def by_single_rays(contact: SimulatedTouch, tip: Fingertip | None = None) -> SimulatedTouch:
-    pipeline = assemble(tip or finger(), [])
-    pipeline.simulate(contact, pipeline.begin())
-    return contact
-
-
 def seen(tip: Fingertip, contact: SimulatedTouch, width: float, rays: int, reduce: Any) -> Floats:
     """What the elements report at the end of a move, element by element."""
     pad, (position, axes) = tip.pad, contact.actual
@@ -117,10 +111,9 @@ def test_needle_bottoms_the_pad_before_its_element_reports_depth():
     "options", [{"reach": 2.9e-3}, {"reach": 3.1e-3}, {"depth": 2.9e-3}, {"actual": above(0.0299)}]
 )
 def test_on_smooth_ground_outcomes_are_those_of_single_rays(options, reading):
-    single, many = (
-        by_single_rays(touch(**options)),
-        applied("aperture", touch(**options), reading=reading),
-    )
+    single, pipeline = touch(**options), assemble(finger(), [])
+    pipeline.simulate(single, pipeline.begin())
+    many = applied("aperture", touch(**options), reading=reading)
     assert many.outcome == single.outcome
     assert many.advance == pytest.approx(single.advance, abs=30e-6)
     assert many.loading == pytest.approx(single.loading, rel=0.01)
