@@ -10,7 +10,6 @@ from palpate.core.arrays import Floats
 from palpate.core.poses import Pose
 from palpate.core.robot_time import contact_seconds
 from palpate.core.touch import (
-    Effect,
     Fingertip,
     KeyedRandom,
     Phase,
@@ -39,11 +38,6 @@ class Mark:
             return state + 1
 
         return Stage(apply, state=0, noise=self.noise)
-
-
-def effects_of(*names: str) -> list[Effect]:
-    """The effects as a scene's are: sorted by the catalogue, whatever the order of the list."""
-    return [effect_type(name)() for name in sorted(names, key=rank)]
 
 
 def simulated(pipeline: Pipeline, *touches: SimulatedTouch) -> SimulatedTouch:
@@ -124,11 +118,11 @@ def noise_beside(other: str, tip: Fingertip, touches: list[SimulatedTouch]) -> F
     """What the Gaussian noise adds to each reading, in a pipeline that has another effect too."""
     before: list[Any] = []
     after: list[Any] = []
-    own = [Mark(Phase.SIGNAL, "", before), *effects_of("gaussian_noise")]
+    own = [Mark(Phase.SIGNAL, "", before), effect_type("gaussian_noise")()]
     own.append(Mark(Phase.SIGNAL, "", after))
     first = rank(other) < rank("gaussian_noise")
-    rest = effects_of(other)
-    simulated(assemble(tip, [*rest, *own] if first else [*own, *rest]), *touches)
+    beside = effect_type(other)()
+    simulated(assemble(tip, [beside, *own] if first else [*own, beside]), *touches)
     return np.array([b - a for (_, a), (_, b) in zip(before, after, strict=True)])
 
 

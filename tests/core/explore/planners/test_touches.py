@@ -17,6 +17,8 @@ from tests.core.explore.planners.sides import known
 PAD = touch.Pad(rows=16, cols=16, pitch=1e-3, thickness=6e-3, dome=0.0, saturation=0.5)
 RADIUS, MIDDLE = 0.03, np.array([0.0, 0.0, 0.05])
 FOOT = MIDDLE[2] - RADIUS
+TOP = MIDDLE + [0.0, 0.0, RADIUS]
+MOUTH = TOP + 1e-3 * np.array([[x, y, 0.0] for x in (-2, 0, 2) for y in (-2, 0, 2)])
 NEAR = lambda at: 1e-3  # noqa: E731
 EXACT = lambda at: 1e-5  # noqa: E731
 Field = Callable[[Floats], float]
@@ -115,25 +117,23 @@ def test_known_solid_ends_touches():
 
 
 def test_spanned_opening_is_unknown_until_touched():
-    top = MIDDLE + [0.0, 0.0, RADIUS]
-    mouth = top + 1e-3 * np.array([[x, y, 0.0] for x in (-2, 0, 2) for y in (-2, 0, 2)])
-    away = lambda at: np.clip(6e-3 - float(np.linalg.norm(at - top)), 1e-3, 3e-3)  # noqa: E731
+    away = lambda at: np.clip(6e-3 - float(np.linalg.norm(at - TOP)), 1e-3, 3e-3)  # noqa: E731
     aimed = list[Floats]()
     while isinstance(
         choice := Touches().next(
-            opened := ball(EXACT, away, openings=mouth, aimed=np.reshape(aimed, (-1, 3)))
+            opened := ball(EXACT, away, openings=MOUTH, aimed=np.reshape(aimed, (-1, 3)))
         ),
         Touch,
     ):
-        assert np.linalg.norm(choice.target - top) < 6e-3
+        assert np.linalg.norm(choice.target - TOP) < 6e-3
         aimed.append(choice.target)
     assert isinstance(choice, Stop) and 2 <= len(aimed) <= 4
     estimate = estimate_error(opened)
     assert failures(opened) == ["error bound", "unentered hole"]
     assert estimate.findings.unentered_hole == pytest.approx(6e-3, rel=0.1)
     assert estimate.rms_bound_95 > 1e-4  # what it may hide counts
-    assert np.linalg.norm(estimate.open_area.places[0] - top) < 5e-3
-    assert estimate_error(ball(EXACT, openings=mouth)).reached
+    assert np.linalg.norm(estimate.open_area.places[0] - TOP) < 5e-3
+    assert estimate_error(ball(EXACT, openings=MOUTH)).reached
     lying = ball(lambda at: 1e-2 if at[2] < 0.0205 else 1e-5, platform=FOOT)
     assert failures(lying) == []  # what it stands on may be hollow: no number bounds it
     assert lying.surface.findings.underside_share > 0.01
@@ -160,14 +160,11 @@ def test_bound_of_an_opening_covers_a_hole_through_the_solid(thickness):
 
 def test_deep_hole_does_not_end_touches_of_the_rest():
     """What it may hide is far more than what touches elsewhere bring."""
-    top = MIDDLE + [0.0, 0.0, RADIUS]
-    mouth = top + 1e-3 * np.array([[x, y, 0.0] for x in (-2, 0, 2) for y in (-2, 0, 2)])
-    away = lambda at: max(6e-3 - float(np.linalg.norm(at - top)), 1e-3)  # noqa: E731
-    tried = np.array([top, top])
-    choice = Touches().next(ball(towards(1, 0, 0), away, openings=mouth, aimed=tried))
+    away = lambda at: max(6e-3 - float(np.linalg.norm(at - TOP)), 1e-3)  # noqa: E731
+    tried = {"openings": MOUTH, "aimed": np.array([TOP, TOP])}
+    choice = Touches().next(ball(towards(1, 0, 0), away, **tried))
     assert isinstance(choice, Touch) and choice.target[0] > 0.5 * RADIUS
-    known_rest = Touches().next(ball(EXACT, away, openings=mouth, aimed=tried))
-    assert isinstance(known_rest, Stop)
+    assert isinstance(Touches().next(ball(EXACT, away, **tried)), Stop)
 
 
 @pytest.mark.parametrize(("bend", "hides"), [((-1, -1), True), ((-1, 0), False), ((-1, 1), False)])
