@@ -50,9 +50,9 @@ def met(mesh: Mesh, lies: Pose, seed: int, count: int = 40) -> Contacts:
     return Contacts(points[chosen] + NOISE * rng.normal(size=(count, 3)), normals[chosen])
 
 
-def placed(mesh: Mesh, lies: Pose, seed: int = 0, asked: Pose = UPSIDE_DOWN) -> Placement | None:
+def placed(mesh: Mesh, lies: Pose, seed: int = 0) -> Placement | None:
     contacts = met(mesh, lies, seed)
-    return place_object(known(mesh), RestingSolid(*mesh), *contacts, asked.axes, 0.0)
+    return place_object(known(mesh), RestingSolid(*mesh), *contacts, UPSIDE_DOWN.axes, 0.0)
 
 
 def off_along_normals(mesh: Mesh, found: Pose, true: Pose) -> float:
@@ -62,7 +62,7 @@ def off_along_normals(mesh: Mesh, found: Pose, true: Pose) -> float:
     return float(np.sqrt(np.mean(along**2)))
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_pose_is_found_whatever_the_turn_about_the_vertical(seed):
     lies = set_down(RestingSolid(*WEDGE), UPSIDE_DOWN, 0.0, seed, 1)
     found = placed(WEDGE, lies, seed)
@@ -120,11 +120,10 @@ def test_height_of_what_was_met_on_upright_sides_alone_is_that_at_which_it_stand
 
 def test_contacts_of_another_object_or_too_few_give_no_pose():
     lies = set_down(RestingSolid(*WEDGE), UPSIDE_DOWN, 0.0, 1, 1)
-    points, normals = met(WEDGE, lies, 0)
-    larger = known(Mesh(1.5 * WEDGE.vertices, WEDGE.faces))
-    resting = RestingSolid(1.5 * WEDGE.vertices, WEDGE.faces)
-    assert place_object(larger, resting, points, normals, UPSIDE_DOWN.axes, 0.0) is None
-    few = points[:7], normals[:7]
+    contacts, larger = met(WEDGE, lies, 0), Mesh(1.5 * WEDGE.vertices, WEDGE.faces)
+    solid = known(larger), RestingSolid(*larger)
+    assert place_object(*solid, *contacts, UPSIDE_DOWN.axes, 0.0) is None
+    few = contacts.points[:7], contacts.normals[:7]
     assert place_object(known(WEDGE), RestingSolid(*WEDGE), *few, UPSIDE_DOWN.axes, 0.0) is None
 
 
@@ -149,12 +148,9 @@ def test_motion_of_everything_moves_the_pose_alone():
     lies = set_down(RestingSolid(*WEDGE), UPSIDE_DOWN, 0.0, 1, 1)
     points, normals = met(WEDGE, lies, 0)
     turn = rotations_from_vectors(np.array([[0.0, 0.0, 0.7]]))[0]
-    surface, resting = known(WEDGE), RestingSolid(*WEDGE)
-    first = place_object(surface, resting, points, normals, UPSIDE_DOWN.axes, 0.0)
-    moved = place_object(
-        surface, resting, points @ turn.T + [0.01, 0.0, 0.0], normals @ turn.T,
-        UPSIDE_DOWN.axes, 0.0,
-    )  # fmt: skip
+    first, contacts = placed(WEDGE, lies), (points @ turn.T + [0.01, 0.0, 0.0], normals @ turn.T)
+    solid = known(WEDGE), RestingSolid(*WEDGE)
+    moved = place_object(*solid, *contacts, UPSIDE_DOWN.axes, 0.0)
     assert first is not None and moved is not None
     back = Pose(turn.T @ (moved.pose.position - [0.01, 0.0, 0.0]), turn.T @ moved.pose.axes)
     assert off_along_normals(WEDGE, back, first.pose) < 0.02e-3
