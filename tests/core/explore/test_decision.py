@@ -1,7 +1,7 @@
 """What follows from what is known of an upright cylinder: no node, no message, no socket."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,6 +10,7 @@ import pytest
 from palpate.core import explore
 from palpate.core.explore import grasp, planners, probing
 from palpate.core.poses import FACING_DOWN, Pose
+from tests.core.explore.planners.sides import Says
 
 RADIUS, TOP = 0.03, 0.1  # [m]
 TURN = 2.0 * math.pi * np.arange(90) / 90
@@ -81,9 +82,10 @@ def taken_up(known: explore.Exploration) -> explore.Exploration:
     return explore.with_result(known, finger, DEMAND.feature)
 
 
-def modelled(known: explore.Exploration) -> explore.Exploration:
+def modelled(known: explore.Exploration, **changes: Any) -> explore.Exploration:
+    usual = {"surface": None, "general": False}
     none = explore.ModelUncertainty()
-    return explore.with_model(known, frozenset(), none, surface=None, general=False)
+    return explore.with_model(known, frozenset(), none, **(usual | changes))
 
 
 def test_hand_closes_until_it_has_touched_enough_or_looked_everywhere():
@@ -91,7 +93,8 @@ def test_hand_closes_until_it_has_touched_enough_or_looked_everywhere():
     assert isinstance(closing, explore.CloseHand) and known.hand.last is closing
     touched = explore.with_contacts(known, RADIUS * RIM + 0.05 * UP, RIM, seconds=8.0)
     assert touched.hand.grips == 1 and acted(touched)[1] == [explore.MakeModel()]
-    nothing = np.zeros((0, 3))
+    known, nothing = exploration(setup=SETUP._replace(reach=0.08)), np.zeros((0, 3))
+    known, _ = acted(known)
     for _ in range(1000):
         known, [goal] = acted(explore.with_contacts(known, nothing, nothing, seconds=1.0))
         if isinstance(goal, explore.Done):
@@ -205,23 +208,13 @@ def test_touch_that_began_inside_is_begun_twice_from_farther_off():
         assert modelled(known).targets == ()
 
 
-@dataclass(frozen=True)
-class Stubborn:
-    """Answers the same whatever it is told."""
-
-    height: float
-
-    def next(self, observation: planners.Observation) -> planners.Choice:
-        return planners.Height(self.height, "why not")
-
-
 def test_answer_that_cannot_be_acted_on_ends_with_what_there_is():
     known = exploration(survey=SURVEY, touches=20)
-    [done] = acted(known, rule=Stubborn(5.0))[1]
-    words = "the planner Stubborn gave an invalid answer: a height must lie"
+    [done] = acted(known, rule=Says(planners.Height(5.0, "why not")))[1]
+    words = "the planner Says gave an invalid answer: a height must lie"
     assert isinstance(done, explore.Done) and done.reason.startswith(words)
     with pytest.raises(ValueError, match="nothing is under way, and the planner neither stops"):
-        acted(known, DEMAND._replace(most_touches=20), Stubborn(0.05))
+        acted(known, DEMAND._replace(most_touches=20), Says(planners.Height(0.05, "why not")))
 
 
 def test_after_a_turn_the_hand_closes_then_a_model_tells_how_it_lies():
@@ -237,19 +230,16 @@ def test_after_a_turn_the_hand_closes_then_a_model_tells_how_it_lies():
     known = explore.with_contacts(known, met, RIM[:48], 70.0)
     known, goals = acted(known)
     assert goals == [explore.MakeModel()] and acted(known)[1] == []
-    model = {"dropped": frozenset[int](), "uncertainty": explore.ModelUncertainty()}
-    told = explore.with_model(
-        known, **model, surface=None, general=True, lying=explore.Lying(1, upside_down)
-    )
+    told = modelled(known, general=True, lying=explore.Lying(1, upside_down))
     assert told.lying.pose is upside_down and not told.model.is_pending
     lost = explore.Lying(1, None, fault="its contacts fit nowhere")
-    known = explore.with_model(known, **model, surface=None, general=True, lying=lost)
+    known = modelled(known, general=True, lying=lost)
     known, [closing] = acted(known)  # the hand closes more often
     assert isinstance(closing, explore.CloseHand)
     known = explore.with_contacts(known, met, RIM[:48], 80.0)
     known, goals = acted(known)
     assert goals == [explore.MakeModel()]
-    known = explore.with_model(known, **model, surface=None, general=True, lying=lost)
+    known = modelled(known, general=True, lying=lost)
     assert acted(known)[1] == [explore.Done("its contacts fit nowhere")]
 
 

@@ -1,7 +1,5 @@
 """How an object lies that was turned over, from contacts of the hand on the solid as known."""
 
-from typing import NamedTuple
-
 import numpy as np
 import pytest
 
@@ -27,11 +25,6 @@ WEDGE = Mesh(np.column_stack([X, Y * (1.0 + 10.0 * X), Z * (1.0 + 12.0 * Y)]), B
 CAN = Superquadric(np.array([0.03, 0.03, 0.02]), np.array([0.1, 1.0])).mesh(5)
 
 
-class Contacts(NamedTuple):
-    points: Floats
-    normals: Floats
-
-
 def known(mesh: Mesh, error: float = 0.1e-3) -> KnownSurface:
     corners = mesh.vertices[mesh.faces]
     points, faces = sample_surface(corners, 8000, np.random.default_rng(0))
@@ -39,7 +32,7 @@ def known(mesh: Mesh, error: float = 0.1e-3) -> KnownSurface:
     return KnownSurface(points, normals, np.full(8000, error))
 
 
-def met(mesh: Mesh, lies: Pose, seed: int, count: int = 40) -> Contacts:
+def met(mesh: Mesh, lies: Pose, seed: int, count: int = 40) -> tuple[Floats, Floats]:
     """What a hand meets all around, but below."""
     rng = np.random.default_rng(seed)
     corners = mesh.vertices[mesh.faces]
@@ -47,7 +40,7 @@ def met(mesh: Mesh, lies: Pose, seed: int, count: int = 40) -> Contacts:
     normals = areas_and_normals(corners)[1][faces] @ lies.axes.T
     points = lies.to_outer(points)
     chosen = rng.choice(np.flatnonzero(normals[:, 2] > -0.5), count, replace=False)
-    return Contacts(points[chosen] + NOISE * rng.normal(size=(count, 3)), normals[chosen])
+    return points[chosen] + NOISE * rng.normal(size=(count, 3)), normals[chosen]
 
 
 def placed(mesh: Mesh, lies: Pose, seed: int = 0) -> Placement | None:
@@ -123,7 +116,7 @@ def test_contacts_of_another_object_or_too_few_give_no_pose():
     contacts, larger = met(WEDGE, lies, 0), Mesh(1.5 * WEDGE.vertices, WEDGE.faces)
     solid = known(larger), RestingSolid(*larger)
     assert place_object(*solid, *contacts, UPSIDE_DOWN.axes, 0.0) is None
-    few = contacts.points[:7], contacts.normals[:7]
+    few = [each[:7] for each in contacts]
     assert place_object(known(WEDGE), RestingSolid(*WEDGE), *few, UPSIDE_DOWN.axes, 0.0) is None
 
 

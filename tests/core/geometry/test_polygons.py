@@ -123,18 +123,9 @@ def test_winding_and_distance_agree_with_angles_and_samples(seed: int):
     assert np.allclose(edge_distance(doubled, points), distance, rtol=0, atol=1e-14)
 
 
-def crosses(polygon: Floats) -> bool:
-    """Two edges at a time."""
-
-    def side(a: Floats, b: Floats, c: Floats) -> float:
-        return float((b - a)[0] * (c - a)[1] - (b - a)[1] * (c - a)[0])
-
-    edges = list(zip(polygon, np.roll(polygon, -1, axis=0), strict=True))
-    return any(
-        side(a, b, c) * side(a, b, d) < 0 and side(c, d, a) * side(c, d, b) < 0
-        for i, (a, b) in enumerate(edges)
-        for c, d in edges[i + 2 : len(edges) - (i == 0)]
-    )
+def sides(a: Floats, b: Floats, c: Floats) -> Floats:
+    (x, y), (u, v) = (np.moveaxis(one - a, -1, 0) for one in (b, c))
+    return np.asarray(x * v - y * u)
 
 
 @quick
@@ -142,7 +133,13 @@ def crosses(polygon: Floats) -> bool:
 def test_crossings_are_those_of_all_pairs(seed: int, count: int, noise: float):
     rng = np.random.default_rng(seed)
     polygon = plane(2 * np.pi * np.arange(count) / count) + noise * rng.normal(size=(count, 2))
-    assert self_intersects(polygon) == crosses(polygon)
+    first = polygon[:, None], np.roll(polygon, -1, axis=0)[:, None]
+    second = polygon, np.roll(polygon, -1, axis=0)
+    parted = [
+        sides(*one, other[0]) * sides(*one, other[1]) < 0
+        for one, other in ((first, second), (second, first))
+    ]
+    assert self_intersects(polygon) == (parted[0] & parted[1]).any()
 
 
 @pytest.mark.parametrize("count", [33, 64, 65, 1000])

@@ -9,7 +9,7 @@ import trimesh
 from palpate.core.arrays import Floats
 from palpate.core.geometry import areas_and_normals, signed_area, solidity
 from palpate.core.poses import rotations_from_vectors
-from palpate.core.shapes import INSIDE, MISS, Polyhedron, cut_faces
+from palpate.core.shapes import Polyhedron, cut_faces
 from tests.core.shapes.definitions import BOX_CORNERS, BOX_FACES, DOWN
 
 CORNERS = 0.06 * BOX_CORNERS
@@ -23,22 +23,16 @@ def test_cube_has_its_volume_bounds_and_mesh():
         assert np.allclose(cube.bounds(), [[0, 0, 0], [0.06, 0.06, 0.06]])
         assert len(cube.mesh(0).faces) == len(cube.mesh(6).faces) == 12
         assert solidity(*cube.mesh(0)).volume == pytest.approx(0.06**3)
-        origins = np.array([[0.01, 0.01, 0.1], [0.01, 0.01, 0.03], [0.07, 0.01, 0.1]])
-        result = cube.cast(origins, DOWN, 1.0).tolist()
-        assert result == [pytest.approx(0.04, abs=1e-16), INSIDE, MISS]
         a, b, c = CORNERS[cube.edges.corners[cube.edges.begins[1] :][:3]]
         assert np.cross(b - a, c - a)[2] > 0.0  # the upper face looks up
 
 
 def test_function_is_the_distance_with_its_slope():
     cube, rng = Polyhedron(CORNERS, CUBE), np.random.default_rng(7)
-    points, towards, step = rng.uniform(-0.02, 0.08, (300, 3)), rng.normal(size=(300, 3)), 1e-7
+    points, towards = rng.uniform(-0.02, 0.08, (300, 3)), rng.normal(size=(300, 3))
     away = np.abs(points - 0.03) - 0.03
     wanted = np.linalg.norm(np.maximum(away, 0.0), axis=1) + np.minimum(away.max(axis=1), 0.0)
-    value, slope = cube.inside_out(points, towards)
-    assert np.allclose(value, wanted, rtol=0, atol=1e-15)
-    ahead, behind = (cube.inside_out(points + s * towards, towards)[0] for s in (step, -step))
-    assert np.quantile(np.abs(slope - (ahead - behind) / (2 * step)), 0.95) < 1e-7
+    assert np.allclose(cube.inside_out(points, towards)[0], wanted, rtol=0, atol=1e-15)
     value, slope = cube.inside_out(np.array([[0.024, 0.024, 0.06]]), np.array([[3.0, 1.0, 2.0]]))
     assert abs(value[0]) < 1e-15 and slope[0] == pytest.approx(2.0)  # on a face: its normal
 

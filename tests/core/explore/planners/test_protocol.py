@@ -2,7 +2,6 @@
 
 import doctest
 import math
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +10,7 @@ import pytest
 
 from palpate.core.explore import planners
 from palpate.core.explore.planners import Budget, Height, Stop, Wait, make_planner
-from tests.core.explore.planners.sides import CONTOUR, CYLINDER, failed, known, slice_of
+from tests.core.explore.planners.sides import CONTOUR, CYLINDER, Says, failed, known, slice_of
 
 PAGE = Path(__file__).parents[4] / "docs" / "planning.md"
 SHORT = {name: np.full(8, 0.02) for name in CONTOUR}
@@ -82,16 +81,6 @@ def test_first_and_last_slice_lie_nearer_ends_for_less_error(tolerance, inside):
 
 
 BUSY = {"busy_heights": (0.03,), "finger_spacing": 0.02}
-
-
-@dataclass(frozen=True)
-class Says:
-    """A planner that always gives the same answer."""
-
-    choice: Any
-
-    def next(self, observation: planners.Observation) -> planners.Choice:
-        return self.choice
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from palpate.core import geometry, poses, shapes, touch
 from palpate.core.arrays import Floats
 from palpate.core.explore import planners
 from palpate.core.explore.planners import Progress, Stop, Touch, Touches, estimate_error
-from tests.core.explore.planners.sides import known
+from tests.core.explore.planners.sides import Says, known
 
 PAD = touch.Pad(rows=16, cols=16, pitch=1e-3, thickness=6e-3, dome=0.0, saturation=0.5)
 RADIUS, MIDDLE = 0.03, np.array([0.0, 0.0, 0.05])
@@ -262,16 +262,12 @@ def test_touches_that_change_nothing_are_last(bounds, opened, settled):
     ],
 )
 def test_touch_that_no_finger_can_make_is_refused(place, words):
-    class Says:
-        def next(self, observation):
-            return asked
-
     asked = Touch(poses.Pose(MIDDLE + place, np.eye(3)), 0.01, MIDDLE, "")
     with pytest.raises(planners.WrongChoiceError, match=words):
-        planners.check_choice(Says(), ball(EXACT))
+        planners.check_choice(Says(asked), ball(EXACT))
     asked = asked._replace(pose=poses.Pose(MIDDLE + [0.1, 0.0, 0.0], np.eye(3)))
-    assert planners.check_choice(Says(), ball(EXACT)) is asked
+    assert planners.check_choice(Says(asked), ball(EXACT)) is asked
     with pytest.raises(planners.WrongChoiceError, match="needs a known solid"):
-        planners.check_choice(Says(), known())
+        planners.check_choice(Says(asked), known())
     with pytest.raises(ValueError, match="bounds must"):
         ball(EXACT, bounds=np.zeros(3))
