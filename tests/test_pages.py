@@ -21,6 +21,7 @@ DOCS = Path(__file__).parent.parent / "docs"
         ("rebuild_command.md", 12),
         ("lattice.md", 15),
         ("cost.md", 3),
+        ("planning.md", 10),
     ],
 )
 def test_the_examples_of_the_page_are_right(page: str, least: int) -> None:

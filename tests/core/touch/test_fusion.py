@@ -35,7 +35,7 @@ def place(
     return LocalCurvature(np.array([x, 0.0, 0.0]), shape, sigma**2 * ISOTROPIC)
 
 
-def test_touches_at_one_place_are_averaged_by_variance():
+def test_touches_at_one_place_are_averaged_by_variance_or_replaced_if_exact():
     first, second = place(PARTS, sigma=2.0), place((31.0, 4.0, 11.0), sigma=1.0)
     fused = fuse(begin_fusion(first), second)
     mean = (np.array(PARTS) + 4.0 * np.array(second.shape.parts)) / 5.0
@@ -43,6 +43,8 @@ def test_touches_at_one_place_are_averaged_by_variance():
     assert np.allclose(fused.place.covariance, 0.8 * ISOTROPIC)
     innovation = np.array([1.0, -1.0, 1.0])
     assert fused.surprise == pytest.approx(innovation @ np.linalg.solve(5 * ISOTROPIC, innovation))
+    fused = fuse(begin_fusion(place((1.0, 0.0, 2.0), sigma=0.0)), place((3.0, 0.0, 2.0), sigma=0.0))
+    assert fused.principal[0] == 3.0 and fused.touches == 2
 
 
 @pytest.mark.parametrize("turn", [0.0, 0.3, math.pi / 2, 2.5, -1.0])
@@ -90,11 +92,6 @@ def test_sudden_bend_is_followed_at_once():
         fused = fuse(fused, place((10.0, 0.0, 10.0), x=1e-3 * number))
     bent = fuse(fused, place((60.0, 0.0, 10.0), x=9e-3))
     assert bent.surprise > 100.0 and bent.principal[0] == pytest.approx(60.0, abs=2.0)
-
-
-def test_exact_touch_replaces_the_estimate():
-    fused = fuse(begin_fusion(place((1.0, 0.0, 2.0), sigma=0.0)), place((3.0, 0.0, 2.0), sigma=0.0))
-    assert fused.principal[0] == 3.0 and fused.touches == 2
 
 
 def drifting(seed: int, touches: int, drift: float) -> float:

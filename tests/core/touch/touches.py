@@ -66,11 +66,11 @@ def applied(
     return to
 
 
-def readings(made: Stage, field: Floats, count: int) -> Floats:
+def readings(made: Stage, field: Floats, count: int, times: Floats | None = None) -> Floats:
     """What a stage makes of the same field in each of many touches, (count, rows, cols)."""
     state, result = made.state, []
     for number in range(count):
-        contact = touch(number, field)
+        contact = touch(number, field, time=number + 1.0 if times is None else times[number])
         state = made.apply(contact, state)
         result.append(contact.reading)
     return np.array(result)

@@ -1,8 +1,6 @@
 """What a planner observes and answers, how it is made, and how a solid is judged."""
 
-import doctest
 import math
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,7 +10,6 @@ from palpate.core.explore import planners
 from palpate.core.explore.planners import Budget, Height, Stop, Wait, make_planner
 from tests.core.explore.planners.sides import CONTOUR, CYLINDER, Says, failed, known, slice_of
 
-PAGE = Path(__file__).parents[4] / "docs" / "planning.md"
 SHORT = {name: np.full(8, 0.02) for name in CONTOUR}
 
 
@@ -217,9 +214,3 @@ def test_verdict_names_limit_that_is_not_kept(name):
     assert ASKED.stated() == asked
     flat = planners.Limits(tolerance=1e-4)  # what stands on the platform is taken for flat
     assert planners.judge(planners.Findings(error_bound=1e-4, underside_share=0.5), flat).reached
-
-
-def test_examples_of_page_are_right():
-    outcome = doctest.testfile(str(PAGE), module_relative=False)
-    assert outcome.failed == 0
-    assert outcome.attempted >= 10

@@ -10,14 +10,7 @@ from palpate.core.explore import tracing
 from palpate.core.explore.tracing import SliceArc, TouchCommand, Trace, next_command
 from palpate.core.touch import Pad
 from tests.core.explore.tracing import fingertip
-from tests.core.explore.tracing.fingertip import (
-    FLAT,
-    arc_of,
-    circle,
-    repeated,
-    scripted,
-    wall,
-)
+from tests.core.explore.tracing.fingertip import FLAT, arc_of, circle, repeated, scripted, wall
 
 HALF = 0.5 * fingertip.WIDTH
 FACE = wall(*np.linspace(0.0, 0.02, 16))
