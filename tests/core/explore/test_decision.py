@@ -11,12 +11,12 @@ from palpate.core import explore
 from palpate.core.explore import grasp, planners, probing
 from palpate.core.poses import FACING_DOWN, Pose
 from tests.core.explore.planners.sides import Says
+from tests.core.explore.test_survey import SETUP, cone
 
 RADIUS, TOP = 0.03, 0.1  # [m]
 TURN = 2.0 * math.pi * np.arange(90) / 90
 RIM = np.column_stack([np.cos(TURN), np.sin(TURN), np.zeros(90)])
 UP = np.array([0.0, 0.0, 1.0])
-SETUP = explore.Setup(0.0, 0.15, None, pad_width=0.016, resolution=1e-5, contact_error=1e-4)
 FRAME = grasp.ObjectFrame(Pose(np.zeros(3), np.eye(3)), 0.0, TOP, RADIUS, "given", 0.0, 0.0, 0.0)
 ABOVE = Pose(np.array([0.0, 0.0, 0.12]), FACING_DOWN)
 SEARCH = probing.ProbeCommand(ABOVE, 0.05, "search", TOP * UP)
@@ -56,19 +56,7 @@ def finished(
     """With the result of a finger that has traced its slice, or touched."""
     task = known.fingers[finger].task
     assert task is not None
-    traced = explore.TracedContour(
-        height=task.height,
-        status="closed",
-        points=RADIUS * RIM + [0.0, 0.0, task.height],
-        normals=RIM,
-        across=np.zeros(90),
-        contact_low=np.full(90, task.height - 4e-3),
-        contact_high=np.full(90, task.height + 4e-3),
-        missing=0.0,
-        touches=20,
-        seconds=25.0,
-        number=task.number,
-    )
+    traced = cone(task.height, number=task.number)
     is_slice = isinstance(task.work, explore.TraceSlice)
     measured = traced if is_slice else explore.ProbedPoint("hit", TOP * UP, UP)
     fields = {"touches": 20 if is_slice else 1, "fault": "none", "measured": measured} | changes

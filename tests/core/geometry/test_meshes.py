@@ -14,19 +14,15 @@ from tests.core.geometry.bodies import BOX, SPHERE, TORUS, ball, joined, moved
 EXACT = 1e-12
 
 
-def doubled_edge() -> Mesh:
-    """Two cubes with an edge in common: four faces at one edge."""
-    second = BOX.faces + 8
-    second[BOX.faces == 0], second[BOX.faces == 1] = 6, 7
-    vertices = np.concatenate([BOX.vertices, BOX.vertices + np.array([1.0, 1.0, 0.0])])
-    return Mesh(vertices, np.concatenate([BOX.faces, second]))
-
-
-def common_vertex() -> Mesh:
-    """Two cubes that touch in a vertex, which both name."""
-    second = np.where(BOX.faces == 0, 7, BOX.faces + 8)
-    vertices = np.concatenate([BOX.vertices, BOX.vertices + 1.0])
-    return Mesh(vertices, np.concatenate([BOX.faces, second]))
+SECOND = BOX.faces + 8
+# Two cubes with an edge in common: four faces at one edge.
+EDGE = np.where(BOX.faces == 0, 6, np.where(BOX.faces == 1, 7, SECOND))
+DOUBLED_EDGE = joined(BOX, moved(BOX, [1.0, 1.0, 0.0]))._replace(
+    faces=np.concatenate([BOX.faces, EDGE])
+)
+# Two cubes that touch in a vertex, which both name.
+CORNER = np.where(BOX.faces == 0, 7, SECOND)
+COMMON_VERTEX = joined(BOX, moved(BOX, 1.0))._replace(faces=np.concatenate([BOX.faces, CORNER]))
 
 
 def flipped(face: int) -> Ints:
@@ -47,12 +43,12 @@ FACES = BOX.faces
     (TORUS, True, 1, 1, 2 * np.pi * 3 * SECTION),
     (Mesh(TORUS.vertices, np.random.default_rng(0).permutation(TORUS.faces)), True, 1, 1, None),
     (joined(TORUS, moved(TORUS, 10.0), BOX), True, 3, 2, None),
-    (common_vertex(), True, 2, 0, 2.0),
+    (COMMON_VERTEX, True, 2, 0, 2.0),
     (Mesh(BOX.vertices, FACES[1:]), False, 1, None, None),
     (joined(Mesh(BOX.vertices, FACES[1:]), moved(TORUS, 9.0), BOX), False, 3, None, None),
     (Mesh(BOX.vertices, flipped(3)), False, 1, None, None),
     (Mesh(BOX.vertices, np.concatenate([FACES, FACES[:1]])), False, 1, None, None),
-    (doubled_edge(), False, 1, None, 2.0),
+    (DOUBLED_EDGE, False, 1, None, 2.0),
     (Mesh(np.eye(3), np.array([[0, 1, 1], [1, 0, 0]])), False, 1, None, 0.0),
 ])  # fmt: skip
 def test_solidity_of_known_meshes(mesh, watertight: bool, components: int, genus, volume):
@@ -198,20 +194,14 @@ PLATES = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0.2, 0.2, -1], [0.2, 0.2, 1
 FAN = np.array([[0, 0, 0], [2, -1, 0], [2, 1, 0], [2, 0, -1], [2, 0, 1], [-2, 0, -1], [-2, 0, 1.0]])
 
 
-def dented() -> Mesh:
-    """A ball whose top comes out at the back."""
-    top = SPHERE.vertices[:, 2:] > 0.03
-    return Mesh(SPHERE.vertices - np.where(top, [0.0, 0.0, 0.09], 0.0), SPHERE.faces)
-
-
-def folded_base() -> Mesh:
-    """A fan that folds over itself within its plane."""
-    angle = np.arange(16) * np.pi / 8
-    ring = np.column_stack([np.cos(angle), np.sin(angle), 0.0 * angle])
-    foot = [np.cos(np.pi / 8) * 1.001, 0.05, 0.0]
-    return Mesh(
-        np.concatenate([[foot], ring, [[0.1, 0.0, 1.0]]]), geometry.join_rings(np.array([16]))
-    )
+# A ball whose top comes out at the back.
+TOP = SPHERE.vertices[:, 2:] > 0.03
+DENTED = moved(SPHERE, np.where(TOP, [0.0, 0.0, -0.09], 0.0))
+# A fan that folds over itself within its plane.
+TURN = np.arange(16)[:, None] * np.pi / 8
+RIM = np.concatenate([np.cos(TURN), np.sin(TURN), 0.0 * TURN], axis=1)
+FOOT, TIP = [[np.cos(np.pi / 8) * 1.001, 0.05, 0.0]], [[0.1, 0.0, 1.0]]
+FOLDED = Mesh(np.concatenate([FOOT, RIM, TIP]), geometry.join_rings(np.array([16])))
 
 
 @pytest.mark.parametrize(("mesh", "crosses"), [
@@ -220,13 +210,13 @@ def folded_base() -> Mesh:
     (Mesh((TORUS.vertices + 0.3).astype(np.float32), TORUS.faces), False),
     (BOX, False),
     (TORN, False),  # vertices in one place are one
-    (folded_base(), False),
+    (FOLDED, False),
     (Mesh(PLATES, np.array([[0, 1, 2], [3, 4, 5]])), False),  # a face without area
     (Mesh(FAN, np.array([[0, 1, 2], [0, 3, 4]])), True),  # beyond their common vertex
     (Mesh(FAN, np.array([[0, 1, 2], [0, 5, 6]])), False),
     *((joined(BOX, moved(BOX, by)), False) for by in ([1, 0, 0], [1, 1, 0], [0.3, 0.2, 1])),
     (joined(BOX, moved(BOX, [0.25, 0.25, -1.0], [0.5, 0.5, 3.0])), True),
-    (dented(), True),
+    (DENTED, True),
 ])  # fmt: skip
 def test_touching_faces_do_not_cross(mesh: Mesh, crosses: bool):
     assert (geometry.self_intersection(*mesh).count > 0) == crosses

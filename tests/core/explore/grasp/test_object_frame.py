@@ -11,6 +11,7 @@ import pytest
 
 from palpate.core.arrays import Floats
 from palpate.core.explore.grasp import ObjectFrame, fit_object_frame, mass_properties
+from palpate.core.geometry import areas_and_normals
 from palpate.core.poses import Pose, rotations_from_vectors
 from palpate.core.rebuild import fit_coarse
 from palpate.core.shapes import Bend, FittedSuperquadric, Superquadric
@@ -47,10 +48,8 @@ class Grasped(NamedTuple):
 
 def grasp(shape: Superquadric, turn: Floats, place: Floats = PLACE, count: int = 60) -> Grasped:
     vertices, faces = shape.mesh(3)
-    a, b, c = (vertices[faces] @ turn.T).transpose(1, 0, 2)
-    normals = np.cross(b - a, c - a)
-    normals /= np.linalg.norm(normals, axis=1)[:, None]
-    middles = (a + b + c) / 3.0 @ turn  # onto the surface itself, not its facets
+    normals = areas_and_normals(vertices[faces])[1] @ turn.T
+    middles = vertices[faces].mean(axis=1)  # onto the surface itself, not its facets
     points = (middles / shape.gauge(middles)[:, None]) @ turn.T + place
     order = np.random.default_rng(0).permutation(len(points))
     platform = float((vertices @ turn.T + place)[:, 2].min())

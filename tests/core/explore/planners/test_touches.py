@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial import Delaunay
 
 from palpate.core import geometry, poses, shapes, touch
 from palpate.core.arrays import Floats
@@ -174,11 +175,7 @@ def test_pit_that_holds_pad_off_may_be_the_mouth_of_a_hole(bend, hides):
     dip = sum(sign * np.minimum(at**2, 9e-5) for sign, at in zip(bend, (x, y), strict=True))
     top = 0.04 + (-40.0 * dip - 7.2e-3 * (min(bend) < 0))
     rows = np.stack([x, y, top], axis=-1).reshape(-1, 3)
-    corner = np.arange(61 * 60).reshape(60, 61)[:, :-1].ravel()
-    faces = np.concatenate([
-        np.column_stack([corner, corner + 1, corner + 61]),
-        np.column_stack([corner + 1, corner + 62, corner + 61]),
-    ])  # fmt: skip
+    faces = Delaunay(rows[:, :2]).simplices
     middle = rows[30 * 61 + 30]
     away = lambda at: max(5e-3 - float(np.linalg.norm(at - middle)), 0.5e-3)  # noqa: E731
     seen = solid(shapes.Mesh(rows, faces.astype(np.int32)), EXACT, away, platform=None)
