@@ -39,7 +39,7 @@ def are_same(first: object, second: object) -> bool:
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_solid_round_trip_is_bit_identical(method: str):
+def test_solid_round_trip_is_bit_identical(method):
     solid = solid_by(method)
     data = archive.tree_to_bytes(solid)
     assert data.dtype == np.uint8 and np.array_equal(data, archive.tree_to_bytes(solid))
@@ -84,7 +84,7 @@ def test_numbers_texts_and_containers_keep_their_kinds():
         np.arange(12.0).reshape(3, 4)[:, ::2],
     ],
 )
-def test_arrays_keep_values_kind_and_order_of_axes(array: np.ndarray):
+def test_arrays_keep_values_kind_and_order_of_axes(array):
     back = again(array)
     assert np.array_equal(back, array) and back.dtype == array.dtype
     assert back.flags.f_contiguous == array.flags.f_contiguous or not array.flags.contiguous
@@ -169,6 +169,6 @@ REFUSED: list[tuple[Callable[[], object], str]] = [
 
 
 @pytest.mark.parametrize(("call", "words"), REFUSED)
-def test_invalid_archives_are_refused(call: Callable[[], object], words: str):
+def test_invalid_archives_are_refused(call, words):
     with pytest.raises(ValueError, match=words):
         call()

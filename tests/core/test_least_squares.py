@@ -59,7 +59,7 @@ def test_solution_is_optimal_within_bounds(start, high, end):
 @pytest.mark.parametrize(
     ("ours", "theirs"), [(linear_loss, "linear"), (cauchy_loss(0.1), "cauchy")]
 )
-def test_losses_lead_to_scipys_minima(ours, theirs: str):
+def test_losses_lead_to_scipys_minima(ours, theirs):
     places = np.linspace(-1, 1, 40)
     values = 0.3 - 0.8 * places + 0.05 * np.random.default_rng(3).normal(size=40)
     values[::9] += 2.0

@@ -37,7 +37,7 @@ def test_matrices_and_quaternions_are_those_of_scipy():
 
 
 @pytest.mark.parametrize("angle", ANGLES)
-def test_rotation_vectors_are_those_of_scipy(angle: float):
+def test_rotation_vectors_are_those_of_scipy(angle):
     result = poses.rotations_from_vectors(angle * UNITS)
     wanted = Rotation.from_rotvec(angle * UNITS).as_matrix()
     assert np.allclose(result, wanted, rtol=0, atol=ROUNDING)
@@ -54,7 +54,7 @@ def test_rotation_vectors_are_those_of_scipy(angle: float):
 
 
 @pytest.mark.parametrize("angle", [0.0, 1e-12, 1e-4, 0.099, 0.101, 1.0, 3.0])
-def test_jacobians_are_those_of_finite_differences(angle: float):
+def test_jacobians_are_those_of_finite_differences(angle):
     vectors, step = angle * UNITS, 1e-6
     result, rotations = poses.right_jacobians(vectors), poses.rotations_from_vectors(vectors)
     for axis in range(3):
@@ -99,7 +99,7 @@ def test_poses_compose_as_transformations():
 
 @pytest.mark.parametrize("heading", [-3.0, 0.0, 0.7, math.pi, 9.0])
 @pytest.mark.parametrize("tilt", [-math.pi / 2, -0.4, 0.0, 1.45, math.pi / 2])
-def test_pad_faces_the_surface(heading: float, tilt: float):
+def test_pad_faces_the_surface(heading, tilt):
     axes, level = poses.pad_rotation(heading, tilt), math.cos(tilt)
     assert is_rotation(axes)
     outward = [level * math.cos(heading), level * math.sin(heading), math.sin(tilt)]
@@ -123,6 +123,6 @@ def test_axes_lie_along_directions_and_spreads():
 
 
 @pytest.mark.parametrize("length", [0.0, 0.999, 1.00001, math.nan, math.inf])
-def test_quaternions_of_another_length_are_refused(length: float):
+def test_quaternions_of_another_length_are_refused(length):
     with pytest.raises(ValueError, match="a rotation must be a quaternion of length 1, got length"):
         poses.rotation_matrix(np.array([0.0, 0.0, 0.0, length]))

@@ -3,15 +3,10 @@
 import numpy as np
 import pytest
 
+from palpate.core import geometry
 from palpate.core.arrays import Floats
 from palpate.core.explore.placing import KnownSurface, Placement, place_object
-from palpate.core.geometry import (
-    RestingSolid,
-    areas_and_normals,
-    nearest_points,
-    nearest_search,
-    sample_surface,
-)
+from palpate.core.geometry import RestingSolid, areas_and_normals, sample_surface
 from palpate.core.poses import Pose, rotation_angle, rotations_from_vectors
 from palpate.core.shapes import Mesh, Superquadric
 from palpate.core.touch import set_down
@@ -78,9 +73,9 @@ def test_can_turns_freely_and_is_said_to_look_alike():
     found = placed(CAN, lies)
     assert found is not None and found.alternatives
     true = lies.to_outer(CAN.vertices)
-    search = nearest_search(true[CAN.faces])
+    search = geometry.nearest_search(true[CAN.faces])
     for one in (found.pose, *found.alternatives):  # of the same surface
-        off = nearest_points(search, one.to_outer(CAN.vertices)).distances
+        off = geometry.nearest_points(search, one.to_outer(CAN.vertices)).distances
         assert np.sqrt(np.mean(off**2)) < 0.1e-3
 
 

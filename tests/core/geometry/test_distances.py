@@ -67,7 +67,7 @@ def degenerate(rng: RNG, faces: int) -> Floats:
 
 @pytest.mark.parametrize("make", [random_soup, long_thin, degenerate])
 @pytest.mark.parametrize("faces", [1, 2, 5, 60])
-def test_nearest_points_are_those_of_the_slow_search(make, faces: int):
+def test_nearest_points_are_those_of_the_slow_search(make, faces):
     rng = np.random.default_rng(faces)
     corners = make(rng, faces)
     queries = np.concatenate([rng.normal(size=(40, 3)) * 1.5, corners.mean(axis=1)])
@@ -217,7 +217,7 @@ def lopsided(unit: float = 1.0) -> PreparedSurface:
     ([np.pi, 0, 0], 1e-3, -0.01, 0.0),  # only the part above a plane
     ([0.3, 2.5, -0.7], 1e3, -1.0, 1e-4),
 ])  # fmt: skip
-def test_alignment_undoes_a_motion(vector: list[float], unit: float, least: float, noise: float):
+def test_alignment_undoes_a_motion(vector, unit, least, noise):
     surface, rng = lopsided(unit), np.random.default_rng(4)
     points = surface.samples.points[::40]
     points = points[points[:, 2] > least * unit]
@@ -251,6 +251,6 @@ def test_symmetric_surfaces_are_ambiguous_and_turned_least():
     (np.full((9, 3), np.nan), "points must be finite"),
     (np.zeros((9, 2)), r"points must have shape \(any, 3\)"),
 ])  # fmt: skip
-def test_points_that_cannot_be_aligned_are_refused(points: Floats, words: str):
+def test_points_that_cannot_be_aligned_are_refused(points, words):
     with pytest.raises(ValueError, match=words):
         align(points, lopsided())

@@ -1,7 +1,5 @@
 """Laws of triangle meshes: solidity, rings, normals, sides, sag, self-intersection."""
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -51,7 +49,7 @@ FACES = BOX.faces
     (DOUBLED_EDGE, False, 1, None, 2.0),
     (Mesh(np.eye(3), np.array([[0, 1, 1], [1, 0, 0]])), False, 1, None, 0.0),
 ])  # fmt: skip
-def test_solidity_of_known_meshes(mesh, watertight: bool, components: int, genus, volume):
+def test_solidity_of_known_meshes(mesh, watertight, components, genus, volume):
     result = geometry.solidity(*mesh)
     assert result[:3] == (watertight, components, genus)
     assert volume is None or result.volume == pytest.approx(volume, rel=0.01 if genus else 1e-9)
@@ -76,7 +74,7 @@ def test_edges_are_listed_once_each():
 @pytest.mark.parametrize(
     "sizes", [[3], [8, 8], [4, 8, 16, 16, 8, 4], [16, 8], [8, 16], [12, 6, 3, 6, 12]]
 )
-def test_rings_of_half_or_twice_as_many_points_are_joined(sizes: list[int]):
+def test_rings_of_half_or_twice_as_many_points_are_joined(sizes):
     rings = [[[0.0, 0.0, 0.0]]]
     for height, size in enumerate(sizes, 1):
         angle = 2 * np.pi * np.arange(size) / size
@@ -122,7 +120,7 @@ def test_sides_of_a_blade_need_the_angles_of_its_faces():
 
 
 @pytest.mark.parametrize("level", [2, 3, 4])
-def test_sag_of_a_sphere_is_its_mean_distance(level: int):
+def test_sag_of_a_sphere_is_its_mean_distance(level):
     directions, faces = ball(1.0, level)
     shares = np.random.default_rng(0).dirichlet([1, 1, 1], 200)
     off = 1.0 - np.linalg.norm(np.einsum("bi,fij->fbj", shares, directions[faces]), axis=2)
@@ -176,7 +174,7 @@ def test_random_triangles_cross_where_an_edge_pierces_a_face():
 
 
 @pytest.mark.parametrize("unit", [1e-6, 1.0, 1e6])
-def test_two_balls_cross_along_a_circle_in_any_unit(unit: float):
+def test_two_balls_cross_along_a_circle_in_any_unit(unit):
     shift = np.array([0.05, 0.003, 0.001])
     both = joined(SPHERE, moved(SPHERE, shift))
     plain = geometry.self_intersection(*both)
@@ -218,7 +216,7 @@ FOLDED = Mesh(np.concatenate([FOOT, RIM, TIP]), geometry.join_rings(np.array([16
     (joined(BOX, moved(BOX, [0.25, 0.25, -1.0], [0.5, 0.5, 3.0])), True),
     (DENTED, True),
 ])  # fmt: skip
-def test_touching_faces_do_not_cross(mesh: Mesh, crosses: bool):
+def test_touching_faces_do_not_cross(mesh, crosses):
     assert (geometry.self_intersection(*mesh).count > 0) == crosses
 
 
@@ -238,7 +236,7 @@ TRIANGLE = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
     (TRIANGLE, [[0, 1, 3]], "faces must name vertices from 0 to 2, got 3"),
     (TRIANGLE, [[0, -1, 2]], "faces must name vertices from 0 to 2, got -1"),
 ])  # fmt: skip
-def test_bad_meshes_are_refused(examine: Callable, vertices: Floats, faces: list, words: str):
+def test_bad_meshes_are_refused(examine, vertices, faces, words):
     with pytest.raises(ValueError, match=words):
         examine(vertices, faces)
 
@@ -249,6 +247,6 @@ def test_bad_meshes_are_refused(examine: Callable, vertices: Floats, faces: list
     ([8, 6], "sizes of neighbours must be equal, half or twice, got 8 and 6"),
     ([8, 32], "sizes of neighbours must be equal, half or twice"),
 ])  # fmt: skip
-def test_rings_that_do_not_fit_are_refused(sizes: list[int], words: str):
+def test_rings_that_do_not_fit_are_refused(sizes, words):
     with pytest.raises(ValueError, match=words):
         geometry.join_rings(np.array(sizes))

@@ -1,7 +1,6 @@
 """Laws of closed polygons: area, winding, crossings, circles, kernels, azimuths."""
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -58,7 +57,7 @@ def test_area_has_the_sign_of_the_direction():
 
 @quick
 @given(SEEDS, st.floats(0.1, 10.0), st.floats(-3.0, 3.0))
-def test_centroid_is_that_of_the_triangles_and_moves_along(seed: int, scale: float, angle: float):
+def test_centroid_is_that_of_the_triangles_and_moves_along(seed, scale, angle):
     rng, figure = star(seed, 12)
     ahead = np.roll(figure, -1, axis=0)
     areas = 0.5 * (figure[:, 0] * ahead[:, 1] - figure[:, 1] * ahead[:, 0])
@@ -89,7 +88,7 @@ def test_centroid_does_not_follow_dense_points():
 
 @quick
 @given(SEEDS, st.floats(-12.0, 0.49))
-def test_turns_are_exact_at_any_size(seed: int, power: float):
+def test_turns_are_exact_at_any_size(seed, power):
     rng, angle = np.random.default_rng(seed), 10.0**power
     begin = rng.uniform(0.0, 7.0)
     first, second = (10.0 ** rng.uniform(-200, 150) * plane(begin + by)[0] for by in (0.0, angle))
@@ -110,7 +109,7 @@ def test_turns_of_special_directions():
 
 @quick
 @given(SEEDS)
-def test_winding_and_distance_agree_with_angles_and_samples(seed: int):
+def test_winding_and_distance_agree_with_angles_and_samples(seed):
     rng = np.random.default_rng(seed)
     polygon, points = rng.normal(size=(9, 2)), rng.normal(size=(40, 2))
     away = polygon - points[:, None, :]
@@ -130,7 +129,7 @@ def sides(a: Floats, b: Floats, c: Floats) -> Floats:
 
 @quick
 @given(SEEDS, st.integers(3, 12), st.floats(0.0, 0.5))
-def test_crossings_are_those_of_all_pairs(seed: int, count: int, noise: float):
+def test_crossings_are_those_of_all_pairs(seed, count, noise):
     rng = np.random.default_rng(seed)
     polygon = plane(2 * np.pi * np.arange(count) / count) + noise * rng.normal(size=(count, 2))
     first = polygon[:, None], np.roll(polygon, -1, axis=0)[:, None]
@@ -143,7 +142,7 @@ def test_crossings_are_those_of_all_pairs(seed: int, count: int, noise: float):
 
 
 @pytest.mark.parametrize("count", [33, 64, 65, 1000])
-def test_one_crossing_among_many_edges_is_found(count: int):
+def test_one_crossing_among_many_edges_is_found(count):
     circle = plane(2 * np.pi * np.arange(count) / count)
     assert not self_intersects(circle)
     for place in range(0, count, max(count // 33, 1)):
@@ -153,7 +152,7 @@ def test_one_crossing_among_many_edges_is_found(count: int):
 
 
 @pytest.mark.parametrize("scale", [1e-200, 1e-9, 1.0, 1e200])
-def test_touches_cross_and_repeated_vertices_do_not(scale: float):
+def test_touches_cross_and_repeated_vertices_do_not(scale):
     closed = scale * np.vstack([SQUARE, SQUARE[:1]])
     assert not self_intersects(closed)
     assert not self_intersects(np.repeat(closed, 3, axis=0))
@@ -174,9 +173,7 @@ def test_touches_cross_and_repeated_vertices_do_not(scale: float):
     (np.tile([1.0, 2.0], (5, 1)), None, 0.0),
     (np.array([[0, 0], [1, 1], [2, 2.0]]), None, 0.0),
 ])  # fmt: skip
-def test_inscribed_circles_equal_known_ones(
-    polygon: Floats, middle: list[float] | None, radius: float
-):
+def test_inscribed_circles_equal_known_ones(polygon, middle, radius):
     result = inscribed_circle(polygon)
     assert result.radius == pytest.approx(radius, rel=1e-6)
     if middle is not None:
@@ -216,7 +213,7 @@ def test_concave_contours_are_matched_in_order():
 
 
 @pytest.mark.parametrize("scale", [1e-9, 1.0, 1e9])
-def test_kernel_points_see_the_whole_polygon(scale: float):
+def test_kernel_points_see_the_whole_polygon(scale):
     corner = np.array([[0, 0], [4, 0], [4, 1], [1, 1], [1, 4], [0, 4.0]])
     place = kernel_point(scale * (corner + 7.0))
     assert place is not None and np.allclose(place / scale - 7.0, 0.5, rtol=0, atol=1e-7)
@@ -246,6 +243,6 @@ NONE, NAN, ORIGIN = np.zeros((0, 2)), np.full((3, 2), math.nan), np.zeros((1, 2)
     (lambda: azimuth_match(SQUARE, ORIGIN[0], NAN[:, 0]), "azimuths must be finite"),
     (lambda: azimuth_match(SQUARE, NAN[0], AZIMUTHS), "middle must be finite"),
 ])  # fmt: skip
-def test_bad_input_is_refused(call: Callable[[], object], words: str):
+def test_bad_input_is_refused(call, words):
     with pytest.raises(ValueError, match=words):
         call()

@@ -7,9 +7,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from palpate.core import procedures, shapes, touch
+from palpate.core.arrays import Floats
 from palpate.core.explore import spanned_places
 from palpate.core.explore.grasp import Closing, close_hand
-from palpate.core.poses import Pose
+from palpate.core.poses import Pose, rotations_from_vectors
 from palpate.core.robot_time import ROBOT_PRESETS
 from palpate.nodes.specs.sensors import SensorSpec, build_pipeline
 
@@ -18,6 +19,7 @@ NOISES: dict[str, dict[str, Any]] = {
     "exact": {},
     "noise": {"pose_error": {"sigma": 1e-4}, "gaussian_noise": {"sigma": 1e-5}},
 }
+LEANING = np.array([1.0, 0.3, 0.0]) / np.hypot(1.0, 0.3)
 FAR = Pose(np.array([1.0, 0.0, 0.046]), np.eye(3))  # out of reach
 
 
@@ -96,11 +98,14 @@ def touched(
     )
 
 
-def posed(shape: Any, z: float, turn: float = 0.0) -> shapes.PosedShape:
-    """A shape raised by z [m], and turned about an axis that leans from x [rad]."""
-    axis = np.array([1.0, 0.3, 0.0]) / np.hypot(1.0, 0.3)
-    rotation = [*(np.sin(0.5 * turn) * axis), np.cos(0.5 * turn)]
-    return shapes.PosedShape(shape, Pose.from_array(np.array([0.0, 0.0, z, *rotation])))
+def rotation(degrees: float) -> Floats:
+    """Rotation about an axis that leans from x."""
+    return rotations_from_vectors(np.radians(degrees) * LEANING[None])[0]
+
+
+def posed(shape: Any, z: float, degrees: float = 0.0) -> shapes.PosedShape:
+    """A shape raised by z [m], and turned about an axis that leans from x."""
+    return shapes.PosedShape(shape, Pose(np.array([0.0, 0.0, z]), rotation(degrees)))
 
 
 def superquadric(size: Sequence[float], exponents: Sequence[float]) -> shapes.Superquadric:

@@ -7,10 +7,9 @@ import pytest
 from scipy.optimize import linprog
 
 from palpate.core import shapes
-from tests.core.shapes.definitions import DOWN
+from tests.core.shapes.definitions import AXES, DOWN, SIZE as SIDES
 
-SIZE = np.array([0.04, 0.03, 0.05])
-AXES = np.column_stack([np.diag(1 / SIZE), np.zeros(3)])
+SIZE = np.array(SIDES)
 FORMS = np.array([[40.0, 0.0, 0.0, -1.0], [0.0, 30.0, 10.0, 0.5]])
 
 

@@ -10,7 +10,7 @@ from palpate.core.explore import planners
 from palpate.core.explore.planners import Budget, Height, Stop, Wait, make_planner
 from tests.core.explore.planners.sides import CONTOUR, CYLINDER, Says, failed, known, slice_of
 
-SHORT = {name: np.full(8, 0.02) for name in CONTOUR}
+SHORT = slice_of(CYLINDER, 0.5, **dict.fromkeys(CONTOUR, np.full(8, 0.02)))
 
 
 def slice_with(**changes: Any) -> planners.ObservedSlice:
@@ -33,7 +33,7 @@ def slice_with(**changes: Any) -> planners.ObservedSlice:
         (known, {"pose_deviation": -1.0}, "pose_deviation must be 0 or more"),
         (known, {"finger_spacing": -1.0}, "finger_spacing must be 0 or more"),
         (known, {"busy_heights": (0.02, math.nan)}, "busy_heights must be finite"),
-        (known, {"slices": (slice_with(), slice_with(**SHORT))}, r"azimuths, got \[8, 16\]"),
+        (known, {"slices": (slice_with(), SHORT)}, r"azimuths, got \[8, 16\]"),
         (slice_with, {"height": math.nan}, "height must be finite"),
         (slice_with, {"deviation": -1.0}, "deviation must be 0 or more"),
         (slice_with, {"touches": -1}, "touches must be 0 or more and finite, got -1 touches"),

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -15,24 +16,17 @@ READINGS = pytest.mark.parametrize("reading", ["mean", "max"])
 Height = Callable[[Floats, Floats], Floats]
 
 
-class Ground:
-    """A surface of this height under each place of the world, seen from above."""
+def over(height: Height, depth: float) -> SimulatedTouch:
+    """A touch from 3 mm above its zero of a ground of this height under each place."""
 
-    def __init__(self, height: Height) -> None:
-        self.height = height
-
-    def cast(self, origins: Floats, direction: Floats, reach: float) -> Floats:
-        """Ranges of rays that look straight down."""
+    def cast(origins: Floats, direction: Floats, reach: float) -> Floats:
         assert np.allclose(direction, [0.0, 0.0, -1.0])
         x, y, z = origins.T
-        ranges = z - self.height(x, y)
+        ranges = z - height(x, y)
         return np.where(ranges <= reach, ranges, np.inf)
 
-
-def over(height: Height, depth: float) -> SimulatedTouch:
-    """A touch of a ground from 3 mm above its zero."""
     start = above(3e-3)
-    return touch(believed=start, actual=start, depth=depth, shape=Ground(height))
+    return touch(believed=start, actual=start, depth=depth, shape=SimpleNamespace(cast=cast))
 
 
 def seen(tip: Fingertip, contact: SimulatedTouch, width: float, rays: int, reduce: Any) -> Floats:
