@@ -55,7 +55,6 @@ def finished(
 ) -> explore.Exploration:
     """With the result of a finger that has traced its slice, or touched."""
     task = known.fingers[finger].task
-    assert task is not None
     traced = cone(task.height, number=task.number)
     is_slice = isinstance(task.work, explore.TraceSlice)
     measured = traced if is_slice else explore.ProbedPoint("hit", TOP * UP, UP)
@@ -65,9 +64,7 @@ def finished(
 
 
 def taken_up(known: explore.Exploration) -> explore.Exploration:
-    finger = known.next_finger
-    assert finger is not None
-    return explore.with_result(known, finger, DEMAND.feature)
+    return explore.with_result(known, known.next_finger, DEMAND.feature)
 
 
 def modelled(known: explore.Exploration, **changes: Any) -> explore.Exploration:

@@ -32,7 +32,6 @@ def with_both_noises(names: Iterable[str], *quick: str) -> Any:
 
 def distance(solid: Any, findings: Findings, level: int = 0) -> Any:
     """Distances between a solid and the recovered mesh."""
-    assert findings.mesh is not None
     meshes = solid.mesh(level), findings.mesh
     return compare_surfaces(*(prepare_surface(*mesh) for mesh in meshes))
 
@@ -181,7 +180,6 @@ def test_follower_takes_elliptic_axis_from_plane_end(noise):
 def test_follower_closes_round_end_accurately():
     solid = posed(superquadric((30, 30, 40), (1, 1)), 0.04)
     findings = recovered("follower", solid, fingers=2)
-    assert findings.mesh is not None
     top = findings.mesh.vertices[findings.mesh.vertices[:, 2] > 0.045]
     gauge = np.linalg.norm((top - [0, 0, 0.04]) / [0.03, 0.03, 0.04], axis=1)
     assert np.abs(gauge - 1.0).max() * 0.03 < 0.3e-3

@@ -1,7 +1,6 @@
 """Tapers, bends and lattices: the maps, their inverses, and solids deformed by them."""
 
 import math
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -134,11 +133,7 @@ def test_widened_ball_is_met_missed_and_begun_inside(exact):
 SAME = layered_lattice(BALL.enclosure(), [LatticeLayer()] * 4)
 
 
-@cache
-def undeformed() -> shapes.DeformedShape:
-    return shapes.DeformedShape(BALL, SAME, exact=True)
-
-
+UNDEFORMED = shapes.DeformedShape(BALL, SAME, exact=True)
 MATRIX = np.array([[0.9, 0.2, -0.1], [-0.1, 1.1, 0.3], [0.2, -0.2, 0.8]])
 
 
@@ -186,9 +181,9 @@ def test_start_between_facet_and_exact_surface_is_inside():
     depth, out = 0.03 - float(np.linalg.norm(middle)), middle / np.linalg.norm(middle)
     starts = middle + np.array([[0.3], [0.9], [1.1]]) * depth * out
     origins = np.random.default_rng(0).uniform(-0.02, 0.02, (50, 3)) + [0.0, 0.0, 0.1]
-    off = undeformed().cast(origins, DOWN, 1.0) - BALL.cast(origins, DOWN, 1.0)
+    off = UNDEFORMED.cast(origins, DOWN, 1.0) - BALL.cast(origins, DOWN, 1.0)
     assert np.abs(off).max() < 1e-14
-    result = undeformed().cast(starts, -out, 1.0)
+    result = UNDEFORMED.cast(starts, -out, 1.0)
     assert result[:2].tolist() == [INSIDE, INSIDE]
     assert result[2] == pytest.approx(0.1 * depth, abs=1e-12)
 
@@ -203,7 +198,7 @@ def test_rays_that_do_not_converge_keep_their_facets_and_are_counted():
 
     shy = shapes.DeformedShape(Shy(BALL.size, BALL.exponents), SAME, True)
     origins = np.array([[0.0, 0.0, 0.1], [0.01, 0.0, 0.1], [0.2, 0.0, 0.1]])
-    result, exact = shy.cast_exactly(origins, DOWN, 1.0), undeformed()
+    result, exact = shy.cast_exactly(origins, DOWN, 1.0), UNDEFORMED
     assert (result.met, result.kept) == (2, 2)
     assert np.allclose(result.ranges[:2], BALL.cast(origins[:2], DOWN, 1.0), rtol=0, atol=FACETS)
     assert exact.cast_exactly(origins, DOWN, 1.0)[1:] == (2, 0)

@@ -40,7 +40,6 @@ def pressed(name: str, surface: str, **parameters: float) -> tuple[Pad, Floats, 
     contact = touch(field=field, compression=springs, pressure=2e8 * springs)
     made = stage(name, **parameters)
     made.apply(contact, made.state)
-    assert made.face is not None
     return replace(FLAT, face=made.face), contact.compression, contact.pressure > 0.0
 
 

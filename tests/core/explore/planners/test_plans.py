@@ -43,13 +43,6 @@ def nonsense(rng: np.random.Generator, height: float, trouble: float) -> planner
     return slice_of(CYLINDER, height / HEIGHT, height=height, deviation=deviation, **wild)
 
 
-def moved_ends(rng: np.random.Generator) -> dict[str, float]:
-    low, high = np.sort(rng.uniform(-0.02, 0.11, 2))
-    deviations = rng.choice([0.0, 1e-3, 0.02, 1.0], 2)
-    names = "low", "high", "low_deviation", "high_deviation"
-    return dict(zip(names, (low, max(high, low + 5e-3), *deviations), strict=True))
-
-
 @pytest.mark.parametrize("name", planners.PLANNER_NAMES)
 @settings(derandomize=True, deadline=None, max_examples=7)
 @given(
@@ -79,7 +72,10 @@ def test_plan_ends_whatever_it_is_told(name, seed, trouble, fingers, all_taxels)
             break
         slices.append(nonsense(rng, busy.pop(int(rng.integers(len(busy)))), trouble))
         if rng.random() < 0.2:
-            ends = moved_ends(rng)
+            low, high = np.sort(rng.uniform(-0.02, 0.11, 2))
+            deviations = rng.choice([0.0, 1e-3, 0.02, 1.0], 2)
+            names = "low", "high", "low_deviation", "high_deviation"
+            ends = dict(zip(names, (low, max(high, low + 5e-3), *deviations), strict=True))
     assert isinstance(choice, Stop)
 
 

@@ -33,7 +33,6 @@ def test_underside_that_must_be_known_is_turned_to_where_fingers_reach_it(gap):
     surface = standing(raised, gap)
     assert surface.findings.underside_share == pytest.approx(0.24, abs=0.06)
     motion = choose_turn(surface, 2e-4, underside=True)
-    assert motion is not None
     moved = motion.to_outer(raised.vertices)
     assert moved[:, 2].min() == pytest.approx(0.0, abs=1e-9)
     assert moved[:, :2].mean(axis=0) == pytest.approx([0.0, 0.0], abs=1e-3)

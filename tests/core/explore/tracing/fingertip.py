@@ -31,7 +31,6 @@ class Run:
 
     @property
     def points(self) -> Floats:
-        assert self.trace.path is not None
         return self.trace.path.points
 
 
