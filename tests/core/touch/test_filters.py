@@ -37,6 +37,10 @@ def test_wiener_pulls_to_the_mean_by_the_noise_share():
             signal = max(nine.var() - variance, 0.0)
             pulled = nine.mean() + signal / nine.var() * (image[row, col] - nine.mean())
             assert result[row, col] == pytest.approx(pulled, abs=1e-13)
+    for offset, rounding in ((1e6, 1e-8), (1e8, 1e-6)):
+        # A variance by squares less squared mean gives -2.0 for 1.02 there.
+        there = adaptive_wiener(white(3) + offset, 0.5) - offset
+        assert np.allclose(there, adaptive_wiener(white(3), 0.5), rtol=0, atol=rounding)
 
 
 def test_median_is_that_of_nine_with_reflected_borders():
