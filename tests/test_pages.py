@@ -22,6 +22,7 @@ DOCS = Path(__file__).parent.parent / "docs"
         ("lattice.md", 15),
         ("cost.md", 3),
         pytest.param("general.md", 10, marks=pytest.mark.slow),
+        ("planning.md", 10),
     ],
 )
 def test_the_examples_of_the_page_are_right(page: str, least: int) -> None:

@@ -30,12 +30,8 @@ def solid_by(method: str) -> rebuild.LatticeSolid:
     return rebuild.reconstruct(contours, method=method, tops=tops)
 
 
-def kept(tree: object) -> archive.Arrays:
-    return archive.tree_to_arrays(tree)
-
-
 def again(tree: object) -> object:
-    return archive.tree_from_arrays(kept(tree))
+    return archive.tree_from_arrays(archive.tree_to_arrays(tree))
 
 
 def are_same(first: object, second: object) -> bool:
@@ -43,7 +39,7 @@ def are_same(first: object, second: object) -> bool:
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_solid_round_trip_is_bit_identical(method: str):
+def test_solid_round_trip_is_bit_identical(method):
     solid = solid_by(method)
     data = archive.tree_to_bytes(solid)
     assert data.dtype == np.uint8 and np.array_equal(data, archive.tree_to_bytes(solid))
@@ -71,7 +67,7 @@ def test_numbers_texts_and_containers_keep_their_kinds():
     assert [type(item) for item in back["c"]["nested"]] == [np.float64, np.int32]
     assert math.isnan(again((math.nan,))[0])
     shared = np.arange(1000.0)  # kept once and shared again
-    arrays = kept((shared, [shared], {"again": shared}))
+    arrays = archive.tree_to_arrays((shared, [shared], {"again": shared}))
     assert sum(array.size for name, array in arrays.items() if name != FORM) == 1000
     first, (second,), rest = archive.tree_from_arrays(arrays)
     assert first is second is rest["again"]
@@ -88,7 +84,7 @@ def test_numbers_texts_and_containers_keep_their_kinds():
         np.arange(12.0).reshape(3, 4)[:, ::2],
     ],
 )
-def test_arrays_keep_values_kind_and_order_of_axes(array: np.ndarray):
+def test_arrays_keep_values_kind_and_order_of_axes(array):
     back = again(array)
     assert np.array_equal(back, array) and back.dtype == array.dtype
     assert back.flags.f_contiguous == array.flags.f_contiguous or not array.flags.contiguous
@@ -98,14 +94,14 @@ def test_arrays_keep_values_kind_and_order_of_axes(array: np.ndarray):
 
 
 def test_archives_name_classes_without_their_modules():
-    names = set(re.findall(r'"class":"(.*?)"', str(kept(solid_by("skin"))[FORM])))
+    names = set(re.findall(r'"class":"(.*?)"', str(archive.tree_to_arrays(solid_by("skin"))[FORM])))
     assert len(names) > 15
     for name in names:
         assert name.isidentifier() and archive.class_name(archive.class_named(name)) == name
     moved = dataclass(type("LatticeSolid", (), {"__module__": "palpate.core.rebuild.elsewhere"}))
     assert archive.class_name(rebuild.LatticeSolid) == "LatticeSolid"
     assert [archive.class_name(kind) for kind in (moved, Foreign, int)] == [None] * 3
-    arrays = kept(solid_by("skin"))  # with the older name of its class
+    arrays = archive.tree_to_arrays(solid_by("skin"))  # with the older name of its class
     older = str(arrays[FORM]).replace('"class":"LatticeSolid"', '"class":"Solid"', 1)
     result = archive.tree_from_arrays({**arrays, FORM: np.array(older)})
     assert isinstance(result, rebuild.LatticeSolid) and older != str(arrays[FORM])
@@ -130,14 +126,14 @@ def read(form: object, **arrays: np.ndarray) -> object:
 
 def changed(key: str, value: object) -> object:
     """An archive of a solid of which one field is another."""
-    arrays = kept(solid_by("skin"))
+    arrays = archive.tree_to_arrays(solid_by("skin"))
     form = json.loads(str(arrays[FORM]))
     form["tree"]["fields"][key] = value
     return archive.tree_from_arrays({**arrays, FORM: np.array(json.dumps(form))})
 
 
 def replaced(tree: object, path: str, array: np.ndarray) -> object:
-    return archive.tree_from_arrays({**kept(tree), path: array})
+    return archive.tree_from_arrays({**archive.tree_to_arrays(tree), path: array})
 
 
 FRAME = splines.Parallelepiped(np.zeros(3), np.eye(3))
@@ -146,12 +142,13 @@ DEEP = '{"tuple":[' * 900 + "1" + "]}" * 900
 REFUSED: list[tuple[Callable[[], object], str]] = [
     *((lambda data=data: archive.arrays_from_bytes(np.frombuffer(data, np.uint8)), ".")
       for data in (b"", b"nothing", b"PK\x03\x04 and no more")),
-    (lambda: kept(replace(solid_by("skin"), options=lambda evidence: None)),
+    (lambda: archive.tree_to_arrays(replace(solid_by("skin"), options=lambda evidence: None)),
      "solid/options cannot be stored: it is a function"),
-    (lambda: kept((0, {"x": {1, 2}})), "solid/1/x cannot be stored: it is a set"),
-    (lambda: kept({1: 2}), "solid must have texts as keys"),
-    (lambda: kept(np.array([None])), "solid must be an array of numbers, got object"),
-    (lambda: kept(Foreign()), "cannot be stored: it is a Foreign"),
+    (lambda: archive.tree_to_arrays((0, {"x": {1, 2}})), "solid/1/x cannot be stored: it is a set"),
+    (lambda: archive.tree_to_arrays({1: 2}), "solid must have texts as keys"),
+    (lambda: archive.tree_to_arrays(np.array([None])),
+     "solid must be an array of numbers, got object"),
+    (lambda: archive.tree_to_arrays(Foreign()), "cannot be stored: it is a Foreign"),
     *((lambda name=name: archive.class_named(name), "archives hold no class") for name in CODE),
     *((lambda name=name: read({"class": name, "fields": {}}), "archives hold no class")
       for name in CODE),
@@ -172,6 +169,6 @@ REFUSED: list[tuple[Callable[[], object], str]] = [
 
 
 @pytest.mark.parametrize(("call", "words"), REFUSED)
-def test_invalid_archives_are_refused(call: Callable[[], object], words: str):
+def test_invalid_archives_are_refused(call, words):
     with pytest.raises(ValueError, match=words):
         call()

@@ -1,20 +1,12 @@
 """Laws of the checks that public functions begin with, and of the spread of errors."""
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 import pytest
 
-from palpate.core.arrays import (
-    check_extent,
-    finite_array,
-    in_metres,
-    not_negative,
-    positive,
-    probable_error_sigma,
-    scaled_mad,
-)
+from palpate.core import arrays
+from palpate.core.arrays import finite_array, not_negative, positive
 
 
 def test_good_values_pass_as_floats():
@@ -27,13 +19,13 @@ def test_good_values_pass_as_floats():
             passed = check("pitch", value, "m")
             assert passed == value and isinstance(passed, float)
     assert not_negative("pitch", 0, "m") == 0.0
-    assert in_metres("reach", 2.0, 2.0) == 2.0
-    check_extent("points", np.array([[1.0, 0.0], [3.0, 1.5]]), 2.0)
-    check_extent("points", np.zeros((0, 3)), 2.0)
+    assert arrays.in_metres("reach", 2.0, 2.0) == 2.0
+    arrays.check_extent("points", np.array([[1.0, 0.0], [3.0, 1.5]]), 2.0)
+    arrays.check_extent("points", np.zeros((0, 3)), 2.0)
 
 
-@pytest.mark.parametrize("sigma_of", [scaled_mad, probable_error_sigma])
-def test_normal_noise_has_its_deviation_despite_gross_errors(sigma_of: Callable):
+@pytest.mark.parametrize("sigma_of", [arrays.scaled_mad, arrays.probable_error_sigma])
+def test_normal_noise_has_its_deviation_despite_gross_errors(sigma_of):
     errors = np.random.default_rng(1).normal(0.0, 2.5, 200_001)
     assert sigma_of(errors) == pytest.approx(2.5, rel=0.01)
     errors[:200] = 1e9
@@ -59,11 +51,11 @@ def test_normal_noise_has_its_deviation_despite_gross_errors(sigma_of: Callable)
         *((lambda x=x: not_negative("pitch", x, "m"),
            rf"pitch must be 0 or more and finite, got {x} m$")
           for x in (-1.0, math.inf, -math.inf, math.nan)),
-        (lambda: in_metres("reach", 30.0, 2.0), "reach is 30 m, and at most 2 m .*milli"),
-        (lambda: check_extent("points", np.array([[1.0], [-2.0]]), 2.0),
+        (lambda: arrays.in_metres("reach", 30.0, 2.0), "reach is 30 m, and at most 2 m .*milli"),
+        (lambda: arrays.check_extent("points", np.array([[1.0], [-2.0]]), 2.0),
          r"points span 3 m, and at most 2 m is meant here.* multiply millimetres by 0\.001"),
     ],
 )  # fmt: skip
-def test_bad_values_are_refused(call: Callable[[], object], words: str):
+def test_bad_values_are_refused(call, words):
     with pytest.raises(ValueError, match=words):
         call()

@@ -1,24 +1,14 @@
 """Laws of plug-ins: classes by name, ranges and units of parameters, places of errors."""
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
 import numpy as np
 import pytest
 
-from palpate.core.plugins import (
-    UNITS,
-    Range,
-    check_ranges,
-    class_by_name,
-    code_place,
-    describe_error,
-    in_base_unit,
-    in_base_units,
-    ranges_of,
-)
+from palpate.core import plugins
+from palpate.core.plugins import Range, class_by_name, code_place, describe_error, in_base_unit
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,7 +20,7 @@ class Described:
     free: float = math.inf
 
     def __post_init__(self) -> None:
-        check_ranges(self)
+        plugins.check_ranges(self)
 
 
 def test_errors_name_the_last_line_of_user_code():
@@ -54,7 +44,11 @@ def test_errors_name_the_last_line_of_user_code():
 
 def test_ranges_are_read_from_annotations():
     length, share = Range(0.0, 2e-3, "m"), Range(0.1, 0.9, "1")
-    assert ranges_of(Described) == {"length": length, "share": share, "count": Range(1, 32, "1")}
+    assert plugins.ranges_of(Described) == {
+        "length": length,
+        "share": share,
+        "count": Range(1, 32, "1"),
+    }
     assert (str(length), str(share)) == ("0 to 0.002 m", "0.1 to 0.9")
     # Both ends belong to a range, any kind of number is one, and None is left out.
     Described(length=0, share=np.float64(0.1), count=np.int64(1))
@@ -63,10 +57,10 @@ def test_ranges_are_read_from_annotations():
 
 def test_texts_with_units_are_read():
     options = {"length": "0.5mm", "share": "0.5", "free": "1mm", "other": "2mm"}
-    assert in_base_units(Described, options) == {**options, "length": 5e-4}
+    assert plugins.in_base_units(Described, options) == {**options, "length": 5e-4}
     exact = {"10um": 1e-5, "10 µm": 1e-5, "1e1 μm": 1e-5, "+2.5in": 0.0635, " .5 cm ": 0.005}
-    assert {text: in_base_unit(text, UNITS["m"]) for text in exact} == exact
-    assert in_base_unit("-5 min", UNITS["s"]) == -300.0
+    assert {text: in_base_unit(text, plugins.UNITS["m"]) for text in exact} == exact
+    assert in_base_unit("-5 min", plugins.UNITS["s"]) == -300.0
 
 
 UNIT = "length is '1s'; expected number: the unit 's' is none of m, cm, mm, um, in, ft, as in 0.2mm"
@@ -99,12 +93,12 @@ def test_classes_are_found_by_name():
         (lambda: Described(share=math.nan), "share is nan; expected 0.1 to 0.9"),
         (lambda: Described(length=math.inf), "length is inf m; expected 0 to 0.002 m"),
         (lambda: Described(count=33), "count is 33; expected 1 to 32"),
-        (lambda: in_base_units(Described, {"length": "1s"}), UNIT),
-        (lambda: in_base_unit("1", UNITS["s"]), "must have a unit: s, min, h, as in 0.2s"),
-        (lambda: in_base_unit("mm", UNITS["m"]), "must be a number with a unit, as 0.2mm"),
+        (lambda: plugins.in_base_units(Described, {"length": "1s"}), UNIT),
+        (lambda: in_base_unit("1", plugins.UNITS["s"]), "must have a unit: s, min, h, as in 0.2s"),
+        (lambda: in_base_unit("mm", plugins.UNITS["m"]), "must be a number with a unit, as 0.2mm"),
     ],
 )
-def test_bad_values_are_refused(call: Callable[[], object], words: str):
+def test_bad_values_are_refused(call, words):
     with pytest.raises(ValueError) as caught:
         call()
     assert str(caught.value) == words

@@ -39,7 +39,7 @@ ARM = RobotPreset(
         (0.01, 1.5, 1.5),  # turning and travelling happen together
     ],
 )
-def test_free_moves_are_trapezoids_of_speed(travel: float, turn: float, seconds: float):
+def test_free_moves_are_trapezoids_of_speed(travel, turn, seconds):
     assert free_seconds(ARM, travel, turn) == pytest.approx(seconds)
     below, above = (free_seconds(ARM, 0.01 * by, 0.0) for by in (1 - 1e-9, 1 + 1e-9))
     assert below == pytest.approx(above, abs=1e-8)
@@ -74,7 +74,7 @@ LENGTHS = st.floats(0.0, 0.3)
 
 @settings(derandomize=True, deadline=None, max_examples=30)
 @given(st.lists(st.tuples(st.floats(0.0, 5.0), LENGTHS, LENGTHS, LENGTHS), min_size=1, max_size=8))
-def test_durations_of_moves_equal_single_moves(rows: list[tuple[float, ...]]):
+def test_durations_of_moves_equal_single_moves(rows):
     made = MoveGeometry.of_rows([(*row, LIFTED) for row in rows])
     for robot in ROBOT_PRESETS.values():
         single = [
@@ -129,6 +129,6 @@ REFUSED: list[tuple[Callable[[], object], str]] = [
 
 
 @pytest.mark.parametrize(("call", "words"), REFUSED)
-def test_bad_input_is_refused(call: Callable[[], object], words: str):
+def test_bad_input_is_refused(call, words):
     with pytest.raises(ValueError, match=words):
         call()

@@ -1,9 +1,7 @@
 """What follows from what is known of an upright cylinder: no node, no message, no socket."""
 
-from __future__ import annotations
-
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,12 +10,13 @@ import pytest
 from palpate.core import explore
 from palpate.core.explore import grasp, planners, probing
 from palpate.core.poses import FACING_DOWN, Pose
+from tests.core.explore.planners.sides import Says
+from tests.core.explore.test_survey import SETUP, cone
 
 RADIUS, TOP = 0.03, 0.1  # [m]
 TURN = 2.0 * math.pi * np.arange(90) / 90
 RIM = np.column_stack([np.cos(TURN), np.sin(TURN), np.zeros(90)])
 UP = np.array([0.0, 0.0, 1.0])
-SETUP = explore.Setup(0.0, 0.15, None, pad_width=0.016, resolution=1e-5, contact_error=1e-4)
 FRAME = grasp.ObjectFrame(Pose(np.zeros(3), np.eye(3)), 0.0, TOP, RADIUS, "given", 0.0, 0.0, 0.0)
 ABOVE = Pose(np.array([0.0, 0.0, 0.12]), FACING_DOWN)
 SEARCH = probing.ProbeCommand(ABOVE, 0.05, "search", TOP * UP)
@@ -56,20 +55,7 @@ def finished(
 ) -> explore.Exploration:
     """With the result of a finger that has traced its slice, or touched."""
     task = known.fingers[finger].task
-    assert task is not None
-    traced = explore.TracedContour(
-        height=task.height,
-        status="closed",
-        points=RADIUS * RIM + [0.0, 0.0, task.height],
-        normals=RIM,
-        across=np.zeros(90),
-        contact_low=np.full(90, task.height - 4e-3),
-        contact_high=np.full(90, task.height + 4e-3),
-        missing=0.0,
-        touches=20,
-        seconds=25.0,
-        number=task.number,
-    )
+    traced = cone(task.height, number=task.number)
     is_slice = isinstance(task.work, explore.TraceSlice)
     measured = traced if is_slice else explore.ProbedPoint("hit", TOP * UP, UP)
     fields = {"touches": 20 if is_slice else 1, "fault": "none", "measured": measured} | changes
@@ -78,14 +64,13 @@ def finished(
 
 
 def taken_up(known: explore.Exploration) -> explore.Exploration:
-    finger = known.next_finger
-    assert finger is not None
-    return explore.with_result(known, finger, DEMAND.feature)
+    return explore.with_result(known, known.next_finger, DEMAND.feature)
 
 
-def modelled(known: explore.Exploration) -> explore.Exploration:
+def modelled(known: explore.Exploration, **changes: Any) -> explore.Exploration:
+    usual = {"surface": None, "general": False}
     none = explore.ModelUncertainty()
-    return explore.with_model(known, frozenset(), none, surface=None, general=False)
+    return explore.with_model(known, frozenset(), none, **(usual | changes))
 
 
 def test_hand_closes_until_it_has_touched_enough_or_looked_everywhere():
@@ -93,7 +78,8 @@ def test_hand_closes_until_it_has_touched_enough_or_looked_everywhere():
     assert isinstance(closing, explore.CloseHand) and known.hand.last is closing
     touched = explore.with_contacts(known, RADIUS * RIM + 0.05 * UP, RIM, seconds=8.0)
     assert touched.hand.grips == 1 and acted(touched)[1] == [explore.MakeModel()]
-    nothing = np.zeros((0, 3))
+    known, nothing = exploration(setup=SETUP._replace(reach=0.08)), np.zeros((0, 3))
+    known, _ = acted(known)
     for _ in range(1000):
         known, [goal] = acted(explore.with_contacts(known, nothing, nothing, seconds=1.0))
         if isinstance(goal, explore.Done):
@@ -109,6 +95,9 @@ def test_one_finger_looks_for_the_end_before_there_are_slices():
     _, slices = acted(taken_up(finished(known, 1, 2.0)))
     assert [task.finger for task in slices] == [1, 2, 3]
     assert all(isinstance(task.work, explore.TraceSlice) for task in slices)
+    every = exploration(survey=replace(SURVEY, ends={}), model=explore.ModelStatus(general=True))
+    [task] = acted(every)[1]  # a general solid has no ends to be touched
+    assert isinstance(task.work, explore.TraceSlice)
 
 
 def test_finished_contour_is_followed_by_a_model_and_the_next_slice():
@@ -118,12 +107,7 @@ def test_finished_contour_is_followed_by_a_model_and_the_next_slice():
     assert (second.number, second.start) == (first.number + 1, 25.0)
     assert abs(second.height - first.height) > 0.01
     assert known.surveyed.contours == (first.number,) and known.touches == 20
-
-
-def test_result_waits_while_a_model_is_in_the_making():
-    known, _ = acted(exploration(survey=SURVEY))
-    known, _ = acted(taken_up(finished(known, 1, 25.0)))
-    known = finished(known, 1, 50.0)
+    known = finished(known, 1, 50.0)  # its result waits while the model is in the making
     assert known.next_finger is None and acted(known)[1] == []
     assert modelled(known).next_finger == 1
 
@@ -143,7 +127,7 @@ def test_result_waits_while_a_model_is_in_the_making():
 )
 def test_earliest_result_is_taken_up_when_none_can_be_earlier(results, clocks, first):
     known, tasks = acted(exploration(3, survey=SURVEY))
-    assert [task.finger for task in tasks] == [1, 2, 3]
+    assert len(tasks) == 3
     for finger, clock in ({3: 9.0} | clocks).items():
         known = known.with_finger(finger, known.fingers[finger]._replace(clock=clock))
     for finger, robot_time in results.items():
@@ -209,29 +193,13 @@ def test_touch_that_began_inside_is_begun_twice_from_farther_off():
         assert modelled(known).targets == ()
 
 
-@dataclass(frozen=True)
-class Stubborn:
-    """Answers the same whatever it is told."""
-
-    height: float
-
-    def next(self, observation: planners.Observation) -> planners.Choice:
-        return planners.Height(self.height, "why not")
-
-
 def test_answer_that_cannot_be_acted_on_ends_with_what_there_is():
     known = exploration(survey=SURVEY, touches=20)
-    [done] = acted(known, rule=Stubborn(5.0))[1]
-    words = "the planner Stubborn gave an invalid answer: a height must lie"
+    [done] = acted(known, rule=Says(planners.Height(5.0, "why not")))[1]
+    words = "the planner Says gave an invalid answer: a height must lie"
     assert isinstance(done, explore.Done) and done.reason.startswith(words)
     with pytest.raises(ValueError, match="nothing is under way, and the planner neither stops"):
-        acted(known, DEMAND._replace(most_touches=20), Stubborn(0.05))
-
-
-def test_general_solid_has_no_ends_to_be_touched():
-    every = exploration(survey=replace(SURVEY, ends={}), model=explore.ModelStatus(general=True))
-    [task] = acted(every)[1]
-    assert isinstance(task.work, explore.TraceSlice)
+        acted(known, DEMAND._replace(most_touches=20), Says(planners.Height(0.05, "why not")))
 
 
 def test_after_a_turn_the_hand_closes_then_a_model_tells_how_it_lies():
@@ -247,19 +215,16 @@ def test_after_a_turn_the_hand_closes_then_a_model_tells_how_it_lies():
     known = explore.with_contacts(known, met, RIM[:48], 70.0)
     known, goals = acted(known)
     assert goals == [explore.MakeModel()] and acted(known)[1] == []
-    model = {"dropped": frozenset[int](), "uncertainty": explore.ModelUncertainty()}
-    told = explore.with_model(
-        known, **model, surface=None, general=True, lying=explore.Lying(1, upside_down)
-    )
+    told = modelled(known, general=True, lying=explore.Lying(1, upside_down))
     assert told.lying.pose is upside_down and not told.model.is_pending
     lost = explore.Lying(1, None, fault="its contacts fit nowhere")
-    known = explore.with_model(known, **model, surface=None, general=True, lying=lost)
+    known = modelled(known, general=True, lying=lost)
     known, [closing] = acted(known)  # the hand closes more often
     assert isinstance(closing, explore.CloseHand)
     known = explore.with_contacts(known, met, RIM[:48], 80.0)
     known, goals = acted(known)
     assert goals == [explore.MakeModel()]
-    known = explore.with_model(known, **model, surface=None, general=True, lying=lost)
+    known = modelled(known, general=True, lying=lost)
     assert acted(known)[1] == [explore.Done("its contacts fit nowhere")]
 
 

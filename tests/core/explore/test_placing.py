@@ -1,21 +1,12 @@
 """How an object lies that was turned over, from contacts of the hand on the solid as known."""
 
-from __future__ import annotations
-
-from typing import NamedTuple
-
 import numpy as np
 import pytest
 
+from palpate.core import geometry
 from palpate.core.arrays import Floats
 from palpate.core.explore.placing import KnownSurface, Placement, place_object
-from palpate.core.geometry import (
-    RestingSolid,
-    areas_and_normals,
-    nearest_points,
-    nearest_search,
-    sample_surface,
-)
+from palpate.core.geometry import RestingSolid, areas_and_normals, sample_surface
 from palpate.core.poses import Pose, rotation_angle, rotations_from_vectors
 from palpate.core.shapes import Mesh, Superquadric
 from palpate.core.touch import set_down
@@ -29,11 +20,6 @@ WEDGE = Mesh(np.column_stack([X, Y * (1.0 + 10.0 * X), Z * (1.0 + 12.0 * Y)]), B
 CAN = Superquadric(np.array([0.03, 0.03, 0.02]), np.array([0.1, 1.0])).mesh(5)
 
 
-class Contacts(NamedTuple):
-    points: Floats
-    normals: Floats
-
-
 def known(mesh: Mesh, error: float = 0.1e-3) -> KnownSurface:
     corners = mesh.vertices[mesh.faces]
     points, faces = sample_surface(corners, 8000, np.random.default_rng(0))
@@ -41,7 +27,7 @@ def known(mesh: Mesh, error: float = 0.1e-3) -> KnownSurface:
     return KnownSurface(points, normals, np.full(8000, error))
 
 
-def met(mesh: Mesh, lies: Pose, seed: int, count: int = 40) -> Contacts:
+def met(mesh: Mesh, lies: Pose, seed: int, count: int = 40) -> tuple[Floats, Floats]:
     """What a hand meets all around, but below."""
     rng = np.random.default_rng(seed)
     corners = mesh.vertices[mesh.faces]
@@ -49,12 +35,12 @@ def met(mesh: Mesh, lies: Pose, seed: int, count: int = 40) -> Contacts:
     normals = areas_and_normals(corners)[1][faces] @ lies.axes.T
     points = lies.to_outer(points)
     chosen = rng.choice(np.flatnonzero(normals[:, 2] > -0.5), count, replace=False)
-    return Contacts(points[chosen] + NOISE * rng.normal(size=(count, 3)), normals[chosen])
+    return points[chosen] + NOISE * rng.normal(size=(count, 3)), normals[chosen]
 
 
-def placed(mesh: Mesh, lies: Pose, seed: int = 0, asked: Pose = UPSIDE_DOWN) -> Placement | None:
+def placed(mesh: Mesh, lies: Pose, seed: int = 0) -> Placement | None:
     contacts = met(mesh, lies, seed)
-    return place_object(known(mesh), RestingSolid(*mesh), *contacts, asked.axes, 0.0)
+    return place_object(known(mesh), RestingSolid(*mesh), *contacts, UPSIDE_DOWN.axes, 0.0)
 
 
 def off_along_normals(mesh: Mesh, found: Pose, true: Pose) -> float:
@@ -64,7 +50,7 @@ def off_along_normals(mesh: Mesh, found: Pose, true: Pose) -> float:
     return float(np.sqrt(np.mean(along**2)))
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_pose_is_found_whatever_the_turn_about_the_vertical(seed):
     lies = set_down(RestingSolid(*WEDGE), UPSIDE_DOWN, 0.0, seed, 1)
     found = placed(WEDGE, lies, seed)
@@ -87,55 +73,44 @@ def test_can_turns_freely_and_is_said_to_look_alike():
     found = placed(CAN, lies)
     assert found is not None and found.alternatives
     true = lies.to_outer(CAN.vertices)
-    search = nearest_search(true[CAN.faces])
+    search = geometry.nearest_search(true[CAN.faces])
     for one in (found.pose, *found.alternatives):  # of the same surface
-        off = nearest_points(search, one.to_outer(CAN.vertices)).distances
+        off = geometry.nearest_points(search, one.to_outer(CAN.vertices)).distances
         assert np.sqrt(np.mean(off**2)) < 0.1e-3
 
 
-def test_height_of_what_was_met_on_upright_sides_alone_is_that_at_which_it_stands():
-    """Nothing else tells of it: without a platform it would stay where it was looked for."""
+@pytest.mark.parametrize(
+    ("platform", "error", "raised"),
+    [(0.0, 2e-3, 0.0), (-1e-3, 2e-3, 0.0), (0.0, 0.1e-3, 2e-3)],
+)
+def test_height_of_what_was_met_on_upright_sides_alone_is_that_at_which_it_stands(
+    platform, error, raised
+):
+    """Nothing else tells of it. A ripple under it raises it only if it is said to be known."""
     prism = Superquadric(np.array([0.03, 0.02, 0.025]), np.array([0.02, 0.5])).mesh(5)
     lies = set_down(RestingSolid(*prism), UPSIDE_DOWN, 0.0, 1, 1)
     points, normals = met(prism, lies, 0, 400)
     upright = (np.abs(normals[:, 2]) < 0.02) & (np.abs(points[:, 2] - 0.025) < 0.015)
     assert upright.sum() > 40
-    surface, resting = known(prism), RestingSolid(*prism)
-    met_there = points[upright], normals[upright]
-    for platform in (0.0, -1.0e-3):
-        found = place_object(surface, resting, *met_there, UPSIDE_DOWN.axes, platform)
-        assert found is not None
-        assert found.pose.position[2] == pytest.approx(lies.position[2] + platform, abs=0.1e-3)
-
-
-@pytest.mark.parametrize("error", [0.1e-3, 2e-3])
-def test_object_stands_on_no_corner_that_may_not_be_there(error: float):
-    """A ripple under a prism raises it only if the ripple is said to be known."""
-    prism = Superquadric(np.array([0.03, 0.02, 0.025]), np.array([0.02, 0.5])).mesh(5)
-    lies = set_down(RestingSolid(*prism), UPSIDE_DOWN, 0.0, 1, 1)
-    points, normals = met(prism, lies, 0, 400)
-    upright = (np.abs(normals[:, 2]) < 0.02) & (np.abs(points[:, 2] - 0.025) < 0.015)
-    tip = np.array([[0.01, 0.0, 0.027]])  # below all else, upside down
-    surface = known(prism)
-    surface = KnownSurface(
+    surface, tip = known(prism), np.array([[0.01, 0.0, 0.027]])  # below all else, upside down
+    rippled = KnownSurface(
         np.concatenate([surface.points, tip]),
         np.concatenate([surface.normals, [[0.0, 0.0, 1.0]]]),
         np.append(surface.errors, error),
     )
-    rippled = RestingSolid(np.concatenate([prism.vertices, tip]), prism.faces)
-    found = place_object(surface, rippled, points[upright], normals[upright], UPSIDE_DOWN.axes, 0.0)
-    assert found is not None
-    raised = found.pose.position[2] - lies.position[2]
-    assert raised == pytest.approx(2e-3 if error < 1e-3 else 0.0, abs=0.15e-3)
+    resting = RestingSolid(np.concatenate([prism.vertices, tip]), prism.faces)
+    contacts = points[upright], normals[upright]
+    found = place_object(rippled, resting, *contacts, UPSIDE_DOWN.axes, platform)
+    height = lies.position[2] + platform + raised
+    assert found.pose.position[2] == pytest.approx(height, abs=0.1e-3)
 
 
 def test_contacts_of_another_object_or_too_few_give_no_pose():
     lies = set_down(RestingSolid(*WEDGE), UPSIDE_DOWN, 0.0, 1, 1)
-    points, normals = met(WEDGE, lies, 0)
-    larger = known(Mesh(1.5 * WEDGE.vertices, WEDGE.faces))
-    resting = RestingSolid(1.5 * WEDGE.vertices, WEDGE.faces)
-    assert place_object(larger, resting, points, normals, UPSIDE_DOWN.axes, 0.0) is None
-    few = points[:7], normals[:7]
+    contacts, larger = met(WEDGE, lies, 0), Mesh(1.5 * WEDGE.vertices, WEDGE.faces)
+    solid = known(larger), RestingSolid(*larger)
+    assert place_object(*solid, *contacts, UPSIDE_DOWN.axes, 0.0) is None
+    few = [each[:7] for each in contacts]
     assert place_object(known(WEDGE), RestingSolid(*WEDGE), *few, UPSIDE_DOWN.axes, 0.0) is None
 
 
@@ -160,12 +135,8 @@ def test_motion_of_everything_moves_the_pose_alone():
     lies = set_down(RestingSolid(*WEDGE), UPSIDE_DOWN, 0.0, 1, 1)
     points, normals = met(WEDGE, lies, 0)
     turn = rotations_from_vectors(np.array([[0.0, 0.0, 0.7]]))[0]
-    surface, resting = known(WEDGE), RestingSolid(*WEDGE)
-    first = place_object(surface, resting, points, normals, UPSIDE_DOWN.axes, 0.0)
-    moved = place_object(
-        surface, resting, points @ turn.T + [0.01, 0.0, 0.0], normals @ turn.T,
-        UPSIDE_DOWN.axes, 0.0,
-    )  # fmt: skip
-    assert first is not None and moved is not None
+    first, contacts = placed(WEDGE, lies), (points @ turn.T + [0.01, 0.0, 0.0], normals @ turn.T)
+    solid = known(WEDGE), RestingSolid(*WEDGE)
+    moved = place_object(*solid, *contacts, UPSIDE_DOWN.axes, 0.0)
     back = Pose(turn.T @ (moved.pose.position - [0.01, 0.0, 0.0]), turn.T @ moved.pose.axes)
     assert off_along_normals(WEDGE, back, first.pose) < 0.02e-3

@@ -4,7 +4,6 @@ from functools import cache
 
 import numpy as np
 import pytest
-from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from palpate.core.arrays import Floats
@@ -68,7 +67,7 @@ def degenerate(rng: RNG, faces: int) -> Floats:
 
 @pytest.mark.parametrize("make", [random_soup, long_thin, degenerate])
 @pytest.mark.parametrize("faces", [1, 2, 5, 60])
-def test_nearest_points_are_those_of_the_slow_search(make, faces: int):
+def test_nearest_points_are_those_of_the_slow_search(make, faces):
     rng = np.random.default_rng(faces)
     corners = make(rng, faces)
     queries = np.concatenate([rng.normal(size=(40, 3)) * 1.5, corners.mean(axis=1)])
@@ -213,20 +212,16 @@ def lopsided(unit: float = 1.0) -> PreparedSurface:
     return prepare_surface(unit * vertices, faces)
 
 
-def displaced(points: Floats, vector: ArrayLike, shift: ArrayLike) -> Floats:
-    return np.asarray(points @ Rotation.from_rotvec(vector).as_matrix().T + np.asarray(shift))
-
-
 @pytest.mark.parametrize(("vector", "unit", "least", "noise"), [
     pytest.param([0, 0, 0], 1.0, -1.0, 0.0, marks=pytest.mark.slow),
     ([np.pi, 0, 0], 1e-3, -0.01, 0.0),  # only the part above a plane
     ([0.3, 2.5, -0.7], 1e3, -1.0, 1e-4),
 ])  # fmt: skip
-def test_alignment_undoes_a_motion(vector: list[float], unit: float, least: float, noise: float):
+def test_alignment_undoes_a_motion(vector, unit, least, noise):
     surface, rng = lopsided(unit), np.random.default_rng(4)
     points = surface.samples.points[::40]
     points = points[points[:, 2] > least * unit]
-    away = displaced(points, vector, [0.3 * unit, -0.1 * unit, 0.5 * unit])
+    away = Rotation.from_rotvec(vector).apply(points) + unit * np.array([0.3, -0.1, 0.5])
     away += noise * unit * rng.normal(size=away.shape)
     result = align(away, surface)
     limit = 6 * noise or 1e-8
@@ -243,7 +238,8 @@ def test_symmetric_surfaces_are_ambiguous_and_turned_least():
     assert result.ambiguous
     assert np.allclose(result.pose[:3], [-0.1, -0.2, -0.3], rtol=0, atol=5e-5)
     brick = prepare_surface(*moved(BOX, 0.0, [0.03, 0.05, 0.08]), samples=5000)
-    result = align(displaced(brick.samples.points[::10], [0.0, 0.0, 0.2], [0, 0, 0.1]), brick)
+    turned = Rotation.from_rotvec([0.0, 0.0, 0.2]).apply(brick.samples.points[::10])
+    result = align(turned + [0.0, 0.0, 0.1], brick)
     assert result.ambiguous and result.rms < 1e-9
     # Of the four poses the one that turns least, back by 0.2.
     assert 2.0 * np.arcsin(np.linalg.norm(result.pose[3:6])) == pytest.approx(0.2, abs=1e-6)
@@ -255,6 +251,6 @@ def test_symmetric_surfaces_are_ambiguous_and_turned_least():
     (np.full((9, 3), np.nan), "points must be finite"),
     (np.zeros((9, 2)), r"points must have shape \(any, 3\)"),
 ])  # fmt: skip
-def test_points_that_cannot_be_aligned_are_refused(points: Floats, words: str):
+def test_points_that_cannot_be_aligned_are_refused(points, words):
     with pytest.raises(ValueError, match=words):
         align(points, lopsided())

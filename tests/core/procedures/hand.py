@@ -6,20 +6,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from palpate.core import procedures, shapes
+from palpate.core import procedures, shapes, touch
+from palpate.core.arrays import Floats
 from palpate.core.explore import spanned_places
 from palpate.core.explore.grasp import Closing, close_hand
-from palpate.core.poses import Pose
+from palpate.core.poses import Pose, rotations_from_vectors
 from palpate.core.robot_time import ROBOT_PRESETS
-from palpate.core.touch import (
-    DEFAULT_CONTACT,
-    HITS,
-    Pipeline,
-    SimulatedTouch,
-    clean,
-    fit_patch,
-    surface_points,
-)
 from palpate.nodes.specs.sensors import SensorSpec, build_pipeline
 
 # Standard deviations: 0.1 mm of a position along each axis, 10 um of a taxel.
@@ -27,6 +19,7 @@ NOISES: dict[str, dict[str, Any]] = {
     "exact": {},
     "noise": {"pose_error": {"sigma": 1e-4}, "gaussian_noise": {"sigma": 1e-5}},
 }
+LEANING = np.array([1.0, 0.3, 0.0]) / np.hypot(1.0, 0.3)
 FAR = Pose(np.array([1.0, 0.0, 0.046]), np.eye(3))  # out of reach
 
 
@@ -75,21 +68,23 @@ def drive(
 
 
 def touched(
-    tip: Pipeline, state: Any, shape: shapes.Shape, move: procedures.FingerMove, number: int
+    tip: touch.Pipeline, state: Any, shape: shapes.Shape, move: procedures.FingerMove, number: int
 ) -> tuple[Any, procedures.Contact]:
     """One touch, with the results of filter and curvature estimator."""
     times = {"begun": float(number), "previous": float(number) - 1.0}
-    made = SimulatedTouch(shape, number, move.pose, move.pose, move.reach, move.depth, **times)
+    made = touch.SimulatedTouch(
+        shape, number, move.pose, move.pose, move.reach, move.depth, **times
+    )
     state = tip.simulate(made, state)
     pad, axes = tip.finger.pad, made.believed.axes
-    image = clean(pad, made.reading, tip.noise, DEFAULT_CONTACT.min_compression, "auto")
+    image = touch.clean(pad, made.reading, tip.noise, touch.DEFAULT_CONTACT.min_compression, "auto")
     surface = pad.surface(image.compression, image.touched)
-    patch = fit_patch(pad, surface, image.touched, np.array([0.0, 1.0, 0.0]), tip.noise)
-    nothing, met = np.zeros((0, 3)), made.outcome in HITS
+    patch = touch.fit_patch(pad, surface, image.touched, np.array([0.0, 1.0, 0.0]), tip.noise)
+    nothing, met = np.zeros((0, 3)), made.outcome in touch.HITS
     return state, procedures.Contact(
         outcome=made.outcome,
         pose=made.believed,
-        points=surface_points(pad, made.believed, surface, image.touched, patch.jet).points
+        points=touch.surface_points(pad, made.believed, surface, image.touched, patch.jet).points
         if met
         else nothing,
         kind=patch.kind,
@@ -103,11 +98,14 @@ def touched(
     )
 
 
-def posed(shape: Any, z: float, turn: float = 0.0) -> shapes.PosedShape:
-    """A shape raised by z [m], and turned about an axis that leans from x [rad]."""
-    axis = np.array([1.0, 0.3, 0.0]) / np.hypot(1.0, 0.3)
-    rotation = [*(np.sin(0.5 * turn) * axis), np.cos(0.5 * turn)]
-    return shapes.PosedShape(shape, Pose.from_array(np.array([0.0, 0.0, z, *rotation])))
+def rotation(degrees: float) -> Floats:
+    """Rotation about an axis that leans from x."""
+    return rotations_from_vectors(np.radians(degrees) * LEANING[None])[0]
+
+
+def posed(shape: Any, z: float, degrees: float = 0.0) -> shapes.PosedShape:
+    """A shape raised by z [m], and turned about an axis that leans from x."""
+    return shapes.PosedShape(shape, Pose(np.array([0.0, 0.0, z]), rotation(degrees)))
 
 
 def superquadric(size: Sequence[float], exponents: Sequence[float]) -> shapes.Superquadric:

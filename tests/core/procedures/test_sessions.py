@@ -1,7 +1,7 @@
 """Sessions of procedures, and the planes and cones that are fitted to touches."""
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -18,21 +18,15 @@ UP = np.array([0.0, 0.0, 1.0])
 ROUND = procedures.ConeFitSettings(n_harmonics=0)
 
 
-def counting() -> tuple[Callable[[], Any], list[int]]:
-    """A procedure that yields numbers in place of moves, and the list of its starts."""
+def test_next_move_depends_on_results_alone():
     begun: list[int] = []
 
     def procedure() -> Iterator[Any]:
         begun.append(1)
-        for number in range(3):
+        for number in range(3):  # in place of moves
             _ = yield number
         return procedures.Findings(status="done", reason="counted")
 
-    return procedure, begun
-
-
-def test_next_move_depends_on_results_alone():
-    procedure, begun = counting()
     session = procedures.Session(procedure)
     assert [session.after((RESULT,) * n) for n in range(3)] == [0, 1, 2]
     assert session.after((RESULT,) * 3).reason == "counted" and len(begun) == 1

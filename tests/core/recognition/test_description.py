@@ -5,19 +5,11 @@ from functools import cache
 import numpy as np
 import pytest
 
-from palpate.core import shapes
+from palpate.core import recognition, shapes
 from palpate.core.arrays import Floats
 from palpate.core.geometry import nearest_points, nearest_search, signed_volume, solidity
 from palpate.core.poses import Pose
-from palpate.core.recognition import (
-    FEATURES,
-    Description,
-    ScatterSettings,
-    describe,
-    feature_vector,
-    learn_scatter,
-    noisy_copy,
-)
+from palpate.core.recognition import FEATURES, Description, describe, feature_vector, noisy_copy
 
 NAMES = [one.name for one in FEATURES]
 
@@ -125,7 +117,7 @@ def test_holes_and_pockets_are_distinguished():
 
 
 @pytest.mark.parametrize("name", ["egg", "box", "tube", "cup"])
-def test_description_does_not_depend_on_pose(name: str):
+def test_description_does_not_depend_on_pose(name):
     mesh, first = mesh_of(name), feature_vector(described(name))
     assert np.array_equal(feature_vector(describe(*mesh)), first)  # to the last bit
     rng = np.random.default_rng(0)
@@ -159,7 +151,7 @@ def test_mirror_images_have_equal_sizes():
 
 
 @pytest.mark.parametrize("name", ["egg", pytest.param("cup", marks=pytest.mark.slow)])
-def test_noise_of_tenths_of_millimetre_changes_little(name: str):
+def test_noise_of_tenths_of_millimetre_changes_little(name):
     plain, noisy = (describe(*still(mesh_of(name), 3.3e-3, 7, noise)) for noise in (0.0, 2e-4))
     assert noisy.whole.volume == pytest.approx(plain.whole.volume, rel=0.02)
     assert noisy.whole.gyration == pytest.approx(plain.whole.gyration, rel=0.01)
@@ -168,18 +160,12 @@ def test_noise_of_tenths_of_millimetre_changes_little(name: str):
     assert noisy.sections.areas == pytest.approx(plain.sections.areas, rel=0.08)
 
 
-OCTAHEDRON = shapes.Mesh(
-    0.05 * np.concatenate([np.eye(3), -np.eye(3)]),
-    np.array([[0, 1, 2], [1, 3, 2], [3, 4, 2], [4, 0, 2],
-              [1, 0, 5], [3, 1, 5], [4, 3, 5], [0, 4, 5]], np.int32),
-)  # fmt: skip
-
-
 @pytest.mark.parametrize(
     ("stretch", "longest"), [(1.0, 0.02), (1.0, 0.0093), ([3.0, 1.0, 0.2], 0.006)]
 )
-def test_refined_copy_has_same_surface(stretch: list[float] | float, longest: float):
-    coarse = shapes.Mesh(OCTAHEDRON.vertices * stretch, OCTAHEDRON.faces)
+def test_refined_copy_has_same_surface(stretch, longest):
+    vertices, faces = superquadric(0.05, 0.05, 0.05).mesh(0)
+    coarse = shapes.Mesh(vertices * stretch, faces)
     fine, before = still(coarse, longest), solidity(*coarse)
     after = solidity(*fine)
     assert (after.watertight, after.genus) == (True, 0)
@@ -195,20 +181,20 @@ def test_noisy_copy_is_near_surface_and_repeatable():
     assert np.array_equal(copy.vertices, again.vertices)
     middle = copy.vertices.mean(axis=0)
     off = np.linalg.norm(copy.vertices - middle, axis=1) - 0.04
-    assert off.std() == pytest.approx(ScatterSettings().noise, rel=0.35)
+    assert off.std() == pytest.approx(recognition.ScatterSettings().noise, rel=0.35)
     assert np.linalg.norm(middle) > 0.01 and solidity(*copy).watertight
 
 
 @pytest.mark.parametrize("repeated", [False, pytest.param(True, marks=pytest.mark.slow)])
-def test_learned_scatter_is_repeatable_with_true_slopes(repeated: bool):
+def test_learned_scatter_is_repeatable_with_true_slopes(repeated):
     meshes = [superquadric(0.015, 0.015, 0.015).mesh(level) for level in (2, 3)]
-    learned = learn_scatter(meshes, 2, seed=5)
+    learned = recognition.learn_scatter(meshes, 2, seed=5)
     assert learned.vectors.shape == (2, len(FEATURES))
     assert not np.array_equal(*learned.vectors)
     # Of the logarithms of volume and area.
     assert learned.slopes[:2] == pytest.approx([3.0 / 0.015, 2.0 / 0.015], rel=0.02)
     if repeated:
-        again, other = (learn_scatter(meshes, 2, seed=seed) for seed in (5, 6))
+        again, other = (recognition.learn_scatter(meshes, 2, seed=seed) for seed in (5, 6))
         assert all(map(np.array_equal, learned, again))
         assert not np.array_equal(learned.vectors, other.vectors)
 
@@ -226,6 +212,6 @@ def egg(vertices: Floats | float = 1.0, skip: int = 0, step: int = 1, name: int 
     (lambda: egg(np.array([1.0, 1.0, 0.0])), "must enclose a volume"),
     (lambda: describe(np.zeros((9, 2)), [[0, 1, 2]]), "vertices must have shape"),
 ])  # fmt: skip
-def test_surface_without_volume_raises(call, words: str):
+def test_surface_without_volume_raises(call, words):
     with pytest.raises(ValueError, match=words):
         call()

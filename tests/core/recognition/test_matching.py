@@ -3,16 +3,8 @@
 import numpy as np
 import pytest
 
-from palpate.core.recognition import (
-    FEATURES,
-    NONE,
-    ObjectModels,
-    Recognition,
-    Scatter,
-    differences,
-    object_models,
-    recognise,
-)
+from palpate.core import recognition
+from palpate.core.recognition import FEATURES, NONE, Scatter, object_models, recognise
 
 COUNT = len(FEATURES)
 DEVIATIONS = np.where([one.kind == "count" for one in FEATURES], 0.3, 0.02)
@@ -41,7 +33,7 @@ def test_object_is_recognised_by_its_mean():
         assert (result.name, result.nearest) == (name, name)
         assert result.distance == pytest.approx(0.0, abs=1e-9)
         assert next(iter(result.probabilities)) == name and result.probabilities[name] > 0.99
-    alone: ObjectModels = object_models(scatters(names=("cup",)))
+    alone: recognition.ObjectModels = object_models(scatters(names=("cup",)))
     assert recognise(alone.means[0], alone).runner_up is None
     assert recognise(MODELS.means[0] + 0.1 * DEVIATIONS, MODELS).runner_up == "mug"
     # Nearly equal copies have minimal deviations.
@@ -52,7 +44,7 @@ def test_object_is_recognised_by_its_mean():
 
 
 @pytest.mark.parametrize("far", [0.0, 0.5, 2.0, 50.0])
-def test_probabilities_follow_bayes_rule(far: float):
+def test_probabilities_follow_bayes_rule(far):
     uncertainty = 3e-4
     features = MODELS.means[0] + far * DEVIATIONS
     result = recognise(features, MODELS, uncertainty)
@@ -87,7 +79,7 @@ def test_unknown_object_is_rejected():
 def test_object_and_none_are_equally_likely_at_limit():
     step = DEVIATIONS * (np.arange(COUNT) == 12)
 
-    def at(far: float) -> Recognition:
+    def at(far: float) -> recognition.Recognition:
         return recognise(MODELS.means[0] + far * step, MODELS)
 
     low, high = 0.0, 100.0
@@ -106,7 +98,7 @@ def test_about_one_in_hundred_copies_is_rejected():
 
 
 def test_differences_come_largest_first():
-    pairs = differences(MODELS.means[0], MODELS, "jug")
+    pairs = recognition.differences(MODELS.means[0], MODELS, "jug")
     assert len(pairs) == COUNT
     assert {one.name for one in pairs[:3]} == {one.name for one in FEATURES[:3]}
     sizes = [abs(one.deviations) for one in pairs]
@@ -124,8 +116,8 @@ def test_differences_come_largest_first():
     (lambda: object_models(scatters(copies=3)), "4 copies of each"),
     (lambda: recognise(MODELS.means[0], MODELS, -1.0), "uncertainty must be 0 or more"),
     (lambda: recognise(MODELS.means[0], MODELS, np.inf), "uncertainty must be 0 or more"),
-    (lambda: differences(MODELS.means[0], MODELS, "pot"), "tuple"),
+    (lambda: recognition.differences(MODELS.means[0], MODELS, "pot"), "tuple"),
 ])  # fmt: skip
-def test_invalid_input_raises(call, words: str):
+def test_invalid_input_raises(call, words):
     with pytest.raises(ValueError, match=words):
         call()

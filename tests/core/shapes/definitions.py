@@ -189,10 +189,6 @@ def combined(kind: Any, choose: Any, cases: tuple[Case, ...]) -> Case:
     )
 
 
-def union(*cases: Case) -> Case:
-    return combined(shapes.Union, np.minimum, cases)
-
-
 def intersection(*cases: Case) -> Case:
     return combined(shapes.Intersection, np.maximum, cases)
 
@@ -291,6 +287,8 @@ DRILL = cylinder([0.015, 0.01, 0.015, 0.01], [-0.1, 0.0, 0.1], [1.0, 0.5, 1.0])
 FACES = [half_space(-n, 0.0) for n in np.eye(3)]
 FACES += [half_space(n, s) for n, s in zip(np.eye(3), (0.05, 0.04, 0.03), strict=True)]
 
+OUTER = complement(ball(-0.02)), complement(ball(0.02))
+
 SOLIDS = {
     "rounded": superquadric([0.03, 0.02, 0.04], (0.4, 0.7)),
     "box": superquadric([0.03, 0.02, 0.04], (0.02, 0.05)),
@@ -311,7 +309,7 @@ SOLIDS = {
     "dome": cylinder(([0.03, 0.03], 1.0), HEIGHTS, [1.0, 0.95, 0.85, 0.0]),
     "bite": boolean(without(ball(), ball(0.02, 0.01))),
     "half-spaces": boolean(intersection(*FACES)),
-    "De Morgan": boolean(complement(union(complement(ball(-0.02)), complement(ball(0.02))))),
+    "De Morgan": boolean(complement(combined(shapes.Union, np.minimum, OUTER))),
     "dented and drilled": boolean(without(CUSHION, DRILL), genus=1),
     "bitten star": boolean(without(star_prism(), ball(0.03, 0.0, 0.035, radius=0.012))),
     "brick": block([-0.03, -0.02, 0.0], [0.03, 0.02, 0.05]),

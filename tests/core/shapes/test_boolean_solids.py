@@ -95,9 +95,7 @@ def is_near(result: Any, wanted: Any) -> bool:
 
 @settings(derandomize=True, deadline=None, max_examples=25)
 @given(VALUES, VALUES, st.sampled_from(OMEGAS), st.integers(0, 2))
-def test_r_functions_have_all_digits_and_the_signs_of_logic(
-    f1: float, f2: float, omega: float, smoothness: int
-) -> None:
+def test_r_functions_have_all_digits_and_the_signs_of_logic(f1, f2, omega, smoothness):
     both, either = conjunction(f1, f2, omega), disjunction(f1, f2, omega)
     with mpmath.workdps(900):
         a, b, w = mpmath.mpf(f1), mpmath.mpf(f2), mpmath.mpf(omega)

@@ -1,7 +1,6 @@
 """Tapers, bends and lattices: the maps, their inverses, and solids deformed by them."""
 
 import math
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -49,10 +48,6 @@ def test_bend_makes_the_axis_an_arc_and_stretches_fibres_beside_it():
     columns = [(bend(POINTS + step * e) - bend(POINTS - step * e)) / (2 * step) for e in np.eye(3)]
     wanted = 1.0 - 0.6 * (POINTS[:, :2] @ bend.towards)
     assert np.allclose(np.linalg.det(np.stack(columns, axis=2)), wanted, atol=1e-9)
-    # Points on either side of the axis stay there: an arc tangent of y / x would swap them.
-    sides = shapes.Bend(0.5)(np.array([[-0.4, 0.0, 0.3], [0.4, 0.0, 0.3]]))[:, 0]
-    rise = (1 - math.cos(0.15)) / 0.5
-    assert sides == pytest.approx([rise - 0.4 * math.cos(0.15), rise + 0.4 * math.cos(0.15)])
 
 
 @pytest.mark.parametrize(
@@ -138,11 +133,7 @@ def test_widened_ball_is_met_missed_and_begun_inside(exact):
 SAME = layered_lattice(BALL.enclosure(), [LatticeLayer()] * 4)
 
 
-@cache
-def undeformed() -> shapes.DeformedShape:
-    return shapes.DeformedShape(BALL, SAME, exact=True)
-
-
+UNDEFORMED = shapes.DeformedShape(BALL, SAME, exact=True)
 MATRIX = np.array([[0.9, 0.2, -0.1], [-0.1, 1.1, 0.3], [0.2, -0.2, 0.8]])
 
 
@@ -190,9 +181,9 @@ def test_start_between_facet_and_exact_surface_is_inside():
     depth, out = 0.03 - float(np.linalg.norm(middle)), middle / np.linalg.norm(middle)
     starts = middle + np.array([[0.3], [0.9], [1.1]]) * depth * out
     origins = np.random.default_rng(0).uniform(-0.02, 0.02, (50, 3)) + [0.0, 0.0, 0.1]
-    off = undeformed().cast(origins, DOWN, 1.0) - BALL.cast(origins, DOWN, 1.0)
+    off = UNDEFORMED.cast(origins, DOWN, 1.0) - BALL.cast(origins, DOWN, 1.0)
     assert np.abs(off).max() < 1e-14
-    result = undeformed().cast(starts, -out, 1.0)
+    result = UNDEFORMED.cast(starts, -out, 1.0)
     assert result[:2].tolist() == [INSIDE, INSIDE]
     assert result[2] == pytest.approx(0.1 * depth, abs=1e-12)
 
@@ -207,7 +198,7 @@ def test_rays_that_do_not_converge_keep_their_facets_and_are_counted():
 
     shy = shapes.DeformedShape(Shy(BALL.size, BALL.exponents), SAME, True)
     origins = np.array([[0.0, 0.0, 0.1], [0.01, 0.0, 0.1], [0.2, 0.0, 0.1]])
-    result, exact = shy.cast_exactly(origins, DOWN, 1.0), undeformed()
+    result, exact = shy.cast_exactly(origins, DOWN, 1.0), UNDEFORMED
     assert (result.met, result.kept) == (2, 2)
     assert np.allclose(result.ranges[:2], BALL.cast(origins[:2], DOWN, 1.0), rtol=0, atol=FACETS)
     assert exact.cast_exactly(origins, DOWN, 1.0)[1:] == (2, 0)

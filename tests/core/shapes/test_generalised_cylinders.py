@@ -7,22 +7,17 @@ import pytest
 
 from palpate.core import shapes
 from palpate.core.geometry import solidity
+from tests.core.shapes.definitions import HEIGHTS, SOLIDS
 
-RADII = np.array([0.03, 0.022, 0.031, 0.025, 0.028])
-HEIGHTS, SCALES = np.array([0.0, 0.03, 0.05, 0.09]), np.array([1.0, 1.3, 0.5, 0.7])
 ROUND = shapes.SuperellipseSection(np.array([0.03, 0.03]), 1.0)
-CYLINDER = shapes.GeneralisedCylinder(ROUND, np.array([0.0, 0.1]), np.ones(2))
-CONE = shapes.GeneralisedCylinder(ROUND, np.array([0.0, 0.09]), np.array([1.0, 0.0]))
-VASE = shapes.GeneralisedCylinder(shapes.SplineSection(RADII), HEIGHTS, SCALES, smooth=True)
 
 
 def test_convexity_is_detected():
-    dome = shapes.GeneralisedCylinder(ROUND, HEIGHTS, np.array([1.0, 0.95, 0.85, 0.4]))
-    smooth = shapes.GeneralisedCylinder(
-        ROUND, HEIGHTS, np.array([1.0, 0.95, 0.85, 0.4]), smooth=True
-    )
-    assert CYLINDER.convex and CONE.convex and dome.convex and smooth.convex
-    assert not VASE.convex and not shapes.GeneralisedCylinder(ROUND, HEIGHTS, SCALES).convex
+    for scales in ([1.0, 0.95, 0.85, 0.4], [1.0, 0.95, 0.85, 0.0], [1.0] * 4):
+        for smooth in (False, scales[-1] > 0.0):
+            dome = shapes.GeneralisedCylinder(ROUND, np.array(HEIGHTS), np.array(scales), smooth)
+            assert dome.convex
+    assert not SOLIDS["vase"].solid.convex and not SOLIDS["superellipse"].solid.convex
 
 
 def test_meshes_converge_with_a_ring_in_each_kink():

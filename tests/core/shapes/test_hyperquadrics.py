@@ -7,10 +7,9 @@ import pytest
 from scipy.optimize import linprog
 
 from palpate.core import shapes
-from tests.core.shapes.definitions import DOWN
+from tests.core.shapes.definitions import AXES, DOWN, SIZE as SIDES
 
-SIZE = np.array([0.04, 0.03, 0.05])
-AXES = np.column_stack([np.diag(1 / SIZE), np.zeros(3)])
+SIZE = np.array(SIDES)
 FORMS = np.array([[40.0, 0.0, 0.0, -1.0], [0.0, 30.0, 10.0, 0.5]])
 
 
@@ -74,10 +73,7 @@ def test_enclosures_of_half_spaces_agree_with_linear_programming(count):
         for axis, row, sign in ((a, r, s) for a in range(3) for r, s in ((0, 1.0), (1, -1.0))):
             least = linprog(sign * np.eye(3)[axis], units, offsets, bounds=(None, None))
             wanted[row, axis] = -sign * np.inf if least.status == 3 else sign * least.fun
-        parts = [
-            shapes.HalfSpace(normal, offset)
-            for normal, offset in zip(normals, offsets, strict=True)
-        ]
+        parts = [shapes.HalfSpace(*one) for one in zip(normals, offsets, strict=True)]
         if np.isfinite(wanted).all():
             result = shapes.BooleanShape(shapes.Intersection(tuple(parts))).enclosure()
             assert np.allclose(result, wanted, rtol=1e-7)

@@ -9,13 +9,9 @@ import trimesh
 from palpate.core.arrays import Floats, Ints
 from palpate.core.geometry import join_rings, solidity
 from palpate.core.shapes import Mesh, mend_mesh
-from tests.core.geometry.bodies import SPHERE, TORUS, ball, joined, moved
+from tests.core.geometry.bodies import SPHERE, TORUS, arrays, ball, joined, moved
 
 RADIUS = 0.04
-
-
-def arrays(mesh: Any) -> Mesh:
-    return Mesh(np.array(mesh.vertices, np.float64), np.array(mesh.faces, np.int32))
 
 
 BALL, RING = SPHERE, moved(TORUS, 0.0, 0.01)
@@ -191,16 +187,12 @@ def test_faces_without_common_corners_are_stitched():
     assert words == f"{len(soup) - len(vertices)} corners on open edges stitched to others"
 
 
-def moebius_strip() -> Mesh:
-    turns = 2.0 * np.pi * np.arange(40) / 40
-    out = np.column_stack([np.cos(turns), np.sin(turns), 0.0 * turns])
-    half = np.cos(turns / 2)[:, None] * out + np.sin(turns / 2)[:, None] * [[0.0, 0.0, 1.0]]
-    quads = [(i, i + 1, i + 40, i + 41) if i < 39 else (39, 40, 79, 0) for i in range(40)]
-    faces = [face for a, b, c, d in quads for face in ((a, b, c), (b, d, c))]
-    strip = np.concatenate([0.04 * out - 0.01 * half, 0.04 * out + 0.01 * half])
-    return Mesh(strip, np.array(faces, np.int32))
-
-
+TURNS = 2.0 * np.pi * np.arange(40) / 40
+OUT = np.column_stack([np.cos(TURNS), np.sin(TURNS), 0.0 * TURNS])
+HALF = np.cos(TURNS / 2)[:, None] * OUT + np.sin(TURNS / 2)[:, None] * [[0.0, 0.0, 1.0]]
+STRIP = np.concatenate([0.04 * OUT - 0.01 * HALF, 0.04 * OUT + 0.01 * HALF])
+QUADS = [(i, i + 1, i + 40, i + 41) if i < 39 else (39, 40, 79, 0) for i in range(40)]
+MOEBIUS = Mesh(STRIP, np.array([f for a, b, c, d in QUADS for f in ((a, b, c), (b, d, c))]))
 FLAWS = np.random.default_rng(0).normal(size=(162, 3)) * 6e-3
 CRUMPLED = moved(ball(RADIUS, 2), FLAWS)
 NEAR = (BALL[0] @ BALL[0][0]) > RADIUS**2 * np.cos(0.15)
@@ -216,7 +208,7 @@ FLAT = 0.04 * np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], np.float64)
     (joined(BALL, shifted(BALL, 0.1)), "is made of 2 pieces that do not touch; an object"),
     (joined(*(shifted(BALL, 0.1 * i, 1e-3) for i in range(3))), "is made of 3 pieces that do"),
     (CRUMPLED, r"crosses itself over \d+.* mm, and no more than 10%"),
-    (moebius_strip(), "has one side only, like a Moebius strip"),
+    (MOEBIUS, "has one side only, like a Moebius strip"),
     ((FLAT, SHEET), "bounds no solid: its faces enclose nothing"),
 ])  # fmt: skip
 def test_meshes_without_single_solid_are_refused(mesh, sentence):

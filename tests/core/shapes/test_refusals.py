@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from palpate.core import shapes
 from palpate.core.shapes import (
     Bend,
     BooleanShape,
@@ -15,20 +16,12 @@ from palpate.core.shapes import (
     HalfSpace,
     Hyperquadric,
     Intersection,
-    Mesh,
     SplineSection,
     SuperellipseSection,
     Superquadric,
-    Taper,
     Union,
-    complement_of,
-    difference,
-    inside_outside,
     regular_points,
-    sampled_surface,
-    superquadric_moments,
     superquadric_volume,
-    trigonometric_points,
 )
 from palpate.core.shapes.boolean_solids import complement, conjunction, disjunction
 from tests.core.shapes.definitions import AXES, DOWN, FORMS, ball
@@ -42,7 +35,7 @@ TWELVE = np.concatenate([AXES, AXES + [0, 0, 0, 1.5]])
 NORMALS = np.concatenate([np.eye(3), np.eye(3) + 0.5]) / 0.04
 SPECK = np.column_stack([NORMALS, [0, 0, 0, 1e-7, 0, 0]])
 PIERCED = ball().solid
-PIERCED.mesh = lambda level: Mesh(BALL.mesh(level).vertices, BALL.mesh(level).faces[1:])
+PIERCED.mesh = lambda level: shapes.Mesh(BALL.mesh(level).vertices, BALL.mesh(level).faces[1:])
 
 
 def bent(taper: Any, curvature: float) -> DeformedSuperquadric:
@@ -63,18 +56,18 @@ def cylinder(**words: Any) -> GeneralisedCylinder:
     (lambda: Superquadric(THREE, [0.019, 1]), r"must lie between 0.02 and 2.0, got \[0.019"),
     (lambda: Superquadric(THREE, [1.0]), r"exponents must have shape \(2\)"),
     (lambda: UNIT.mesh(-1), "level must be between 0 and 8, got -1"),
-    (lambda: inside_outside([THREE], [0.0, 1]), r"must be above 0 and up to 2, got \["),
-    (lambda: inside_outside([THREE], [1.0, 2.1]), "exponents must be above 0 and up to 2"),
-    (lambda: inside_outside([THREE], [1.0]), r"exponents must have shape \(2\)"),
-    (lambda: inside_outside([[0, nan, 1]], ONE), "scaled must be finite"),
-    (lambda: inside_outside(THREE, ONE), r"scaled must have shape \(any, 3\)"),
+    (lambda: shapes.inside_outside([THREE], [0.0, 1]), r"must be above 0 and up to 2, got \["),
+    (lambda: shapes.inside_outside([THREE], [1.0, 2.1]), "exponents must be above 0 and up to 2"),
+    (lambda: shapes.inside_outside([THREE], [1.0]), r"exponents must have shape \(2\)"),
+    (lambda: shapes.inside_outside([[0, nan, 1]], ONE), "scaled must be finite"),
+    (lambda: shapes.inside_outside(THREE, ONE), r"scaled must have shape \(any, 3\)"),
     (lambda: regular_points(UNIT, [0, 0], [0, 0, 0]), r"omega must have shape \(2\), got \(3,"),
-    (lambda: trigonometric_points(UNIT, [inf], [0]), "eta must be finite"),
+    (lambda: shapes.trigonometric_points(UNIT, [inf], [0]), "eta must be finite"),
     (lambda: superquadric_volume([0.0, 1, 1], ONE), r"positive, got \[0.0, 1.0, 1.0\] m"),
     (lambda: superquadric_volume(THREE, [0, 1]), r"exponents must be positive, got \[0.0, 1.0"),
-    (lambda: superquadric_moments(UNIT, [1, 0]), "taper must lie between -1 and 1"),
-    (lambda: sampled_surface(UNIT, STRAIGHT, Bend(1.5)), "all that is bent must be nearer"),
-    (lambda: Taper(1.0, 0.0, 1.0), r"taper must lie between -1 and 1, got \[1.0, 0.0\]"),
+    (lambda: shapes.superquadric_moments(UNIT, [1, 0]), "taper must lie between -1 and 1"),
+    (lambda: shapes.sampled_surface(UNIT, STRAIGHT, Bend(1.5)), "all that is bent must be nearer"),
+    (lambda: shapes.Taper(1.0, 0.0, 1.0), r"taper must lie between -1 and 1, got \[1.0, 0.0\]"),
     (lambda: Bend(nan), "finite curvature and direction, got nan 1/m and 0.0 rad"),
     (lambda: Bend(1.0, inf), "finite curvature and direction, got 1.0 1/m and inf rad"),
     (lambda: Bend(0.5)(np.array([[2.5, 0, 0]])), "centre 2 m from the axis: .* got 2.5 m"),
@@ -116,7 +109,7 @@ def cylinder(**words: Any) -> GeneralisedCylinder:
     (lambda: SuperellipseSection(ONE, 2.5), "exponent must lie between 0.02 and 2.0, got 2.5"),
     (lambda: Union((BALL,)), "union must have at least 2 parts, got 1"),
     (lambda: Intersection(()), "intersection must have at least 2 parts, got 0"),
-    (lambda: difference(BALL), "difference must have at least 2 parts, got 1"),
+    (lambda: shapes.difference(BALL), "difference must have at least 2 parts, got 1"),
     (lambda: conjunction(1.0, 1.0, -1.0), "omega must be above -1 and at most 1, got -1.0"),
     (lambda: disjunction(1.0, 1.0, 1.0 + 1e-12), "omega must be above -1 and at most 1, got 1"),
     (lambda: conjunction(1.0, 1.0, nan), "omega must be above -1 and at most 1, got nan"),
@@ -129,7 +122,7 @@ def test_bad_numbers_are_refused(make, sentence):
         make()
 
 
-NOT_BALL = complement_of(BALL)
+NOT_BALL = shapes.complement_of(BALL)
 DEEP = BALL
 for _ in range(2000):
     DEEP = Union((DEEP, DEEP))
@@ -140,9 +133,9 @@ for _ in range(2000):
     (UPPER, "the half-space that is the tree is unbounded"),
     (Union((BALL, UPPER)), r"the half-space that is union\[1\] of the tree is unbounded"),
     (Union((BALL, Union((BALL, NOT_BALL)))), r"complement that is union\[1\] of union\[1\] of"),
-    (difference(UPPER, BALL), "the intersection that is the tree is unbounded"),
+    (shapes.difference(UPPER, BALL), "the intersection that is the tree is unbounded"),
     (Intersection((BALL, FAR)), "the tree leaves nothing"),
-    (difference(BALL, LARGE), "the tree leaves nothing"),
+    (shapes.difference(BALL, LARGE), "the tree leaves nothing"),
     (Intersection((UPPER, LOWER, ABOVE, BALL)), "the tree leaves nothing"),
     (Union((Union((BALL, BALL)),) * 22), "the tree must have at most 64 parts in all"),
     (DEEP, "the tree must have at most 64 parts in all"),

@@ -1,32 +1,27 @@
 """Laws of the outside of any triangles: closed, where rays meet it, whatever the triangles are."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
-from palpate.core.arrays import Floats, Ints
 from palpate.core.geometry import self_intersection, solidity
-from palpate.core.shapes import Superquadric, WrapSettings, wrap_mesh
+from palpate.core.shapes import Mesh, WrapSettings, wrap_mesh
+from tests.core.geometry.bodies import ball, joined, moved
 
 RADIUS = 0.05
-BALL = Superquadric(np.full(3, RADIUS), np.ones(2)).mesh(4)
+BALL = ball(RADIUS, 4)
 VOLUME = solidity(*BALL).volume
 COARSE = WrapSettings(n_voxels=48)
 
 
-def wrong(kind: str) -> tuple[Floats, Ints]:
-    """A ball that bounds no solid."""
-    vertices, faces = BALL
-    if kind == "open below":
-        return vertices, faces[vertices[faces].mean(axis=1)[:, 2] > -0.8 * RADIUS]
-    if kind == "turned at random":
-        turned = np.random.default_rng(0).random(len(faces)) < 0.4
-        return vertices, np.where(turned[:, None], faces[:, ::-1], faces)
-    if kind == "doubled inside out":
-        return vertices, np.concatenate([faces, faces[:, ::-1]])
-    inner = 0.5 * vertices  # nobody sees it
-    return np.concatenate([vertices, inner]), np.concatenate([faces, faces + len(vertices)])
+TURNED = np.random.default_rng(0).random((len(BALL.faces), 1)) < 0.4
+SEEN = BALL.vertices[BALL.faces].mean(axis=1)[:, 2] > -0.8 * RADIUS
+WITHIN = Mesh(0.5 * BALL.vertices, BALL.faces)  # nobody sees it
+WRONG = {  # a ball that bounds no solid
+    "open below": BALL._replace(faces=BALL.faces[SEEN]),
+    "turned at random": BALL._replace(faces=np.where(TURNED, BALL.faces[:, ::-1], BALL.faces)),
+    "doubled inside out": BALL._replace(faces=np.vstack([BALL.faces, BALL.faces[:, ::-1]])),
+    "with an inner ball": joined(BALL, WITHIN),
+}
 
 
 @pytest.mark.parametrize("kind", [
@@ -34,7 +29,7 @@ def wrong(kind: str) -> tuple[Floats, Ints]:
     pytest.param("open below", marks=pytest.mark.slow),
 ])  # fmt: skip
 def test_outside_is_closed_and_where_the_triangles_are(kind):
-    result = wrap_mesh(*wrong(kind), COARSE)
+    result = wrap_mesh(*WRONG[kind], COARSE)
     body = solidity(result.vertices, result.faces)
     assert body.watertight and body.genus == 0 and body.components == 1
     assert not self_intersection(result.vertices, result.faces).count
@@ -47,10 +42,8 @@ def test_outside_is_closed_and_where_the_triangles_are(kind):
 
 @pytest.mark.slow
 def test_overlapping_parts_are_joined_and_separate_parts_counted():
-    vertices, faces = BALL
     for shift, parts in ((0.06, 0), (0.11, 1)):
-        both = np.concatenate([vertices, vertices + [shift, 0.0, 0.0]])
-        result = wrap_mesh(both, np.concatenate([faces, faces + len(vertices)]), COARSE)
+        result = wrap_mesh(*joined(BALL, moved(BALL, [shift, 0.0, 0.0])), COARSE)
         body = solidity(result.vertices, result.faces)
         assert body.watertight and body.components == 1 and result.n_left_out == parts
         lens = np.pi / 12.0 * (4.0 * RADIUS + shift) * (2.0 * RADIUS - shift) ** 2

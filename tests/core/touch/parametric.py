@@ -1,7 +1,5 @@
 """The shape operator of a parametric surface, by which that of graphs and of solids is checked."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from palpate.core.arrays import Floats

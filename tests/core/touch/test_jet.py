@@ -1,7 +1,5 @@
 """Jets: polynomials fitted to the touched taxels, plainly, shrunk and robustly."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The stages of a touch: their order, states, random draws, and what they may leave behind."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -12,7 +10,6 @@ from palpate.core.arrays import Floats
 from palpate.core.poses import Pose
 from palpate.core.robot_time import contact_seconds
 from palpate.core.touch import (
-    Effect,
     Fingertip,
     KeyedRandom,
     Phase,
@@ -41,11 +38,6 @@ class Mark:
             return state + 1
 
         return Stage(apply, state=0, noise=self.noise)
-
-
-def effects_of(*names: str) -> list[Effect]:
-    """The effects as a scene's are: sorted by the catalogue, whatever the order of the list."""
-    return [effect_type(name)() for name in sorted(names, key=rank)]
 
 
 def simulated(pipeline: Pipeline, *touches: SimulatedTouch) -> SimulatedTouch:
@@ -122,18 +114,6 @@ def test_one_effect_may_replace_the_cast():
         assemble(finger(), [Mark(Phase.CAST, name, []) for name in "ab"])
 
 
-def noise_beside(other: str, tip: Fingertip, touches: list[SimulatedTouch]) -> Floats:
-    """What the Gaussian noise adds to each reading, in a pipeline that has another effect too."""
-    before: list[Any] = []
-    after: list[Any] = []
-    own = [Mark(Phase.SIGNAL, "", before), *effects_of("gaussian_noise")]
-    own.append(Mark(Phase.SIGNAL, "", after))
-    first = rank(other) < rank("gaussian_noise")
-    rest = effects_of(other)
-    simulated(assemble(tip, [*rest, *own] if first else [*own, *rest]), *touches)
-    return np.array([b - a for (_, a), (_, b) in zip(before, after, strict=True)])
-
-
 @pytest.mark.parametrize("other", [name for name in EFFECT_NAMES if name != "gaussian_noise"])
 def test_added_effect_does_not_change_the_draws_of_another(other):
     tip = finger()
@@ -142,7 +122,12 @@ def test_added_effect_does_not_change_the_draws_of_another(other):
     touches = [touch(number, **given) for number, given in enumerate(outcomes)]
     draws = KeyedRandom(tip, "gaussian_noise")
     expected = [draws.of_touch(number).standard_normal((16, 16)) for number in range(3)]
-    result = noise_beside(other, tip, touches) / 10e-6
+    before, after = list[Any](), list[Any]()
+    own = [Mark(Phase.SIGNAL, "", before), effect_type("gaussian_noise")()]
+    own.append(Mark(Phase.SIGNAL, "", after))
+    beside, first = effect_type(other)(), rank(other) < rank("gaussian_noise")
+    simulated(assemble(tip, [beside, *own] if first else [*own, beside]), *touches)
+    result = [(b - a) / 10e-6 for (_, a), (_, b) in zip(before, after, strict=True)]
     # Readings are of millimetres, and the sums of them and the noise are rounded as such.
     assert np.allclose(result, expected, rtol=0.0, atol=1e-10)
 

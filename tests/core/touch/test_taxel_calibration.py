@@ -1,19 +1,13 @@
 """Gains, offsets and speed of sound, estimated from touches of known shapes."""
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
 
+from palpate.core import touch
 from palpate.core.arrays import Floats
-from palpate.core.touch import (
-    Calibration,
-    CalibrationEstimate,
-    CalibrationTouches,
-    estimate_calibration,
-)
+from palpate.core.touch import Calibration, CalibrationTouches, estimate_calibration
 from tests.core.touch.touches import finger
 
 SHEET, FORCE = (finger(signal).calibration for signal in ("time", "force"))
@@ -30,10 +24,10 @@ class Sensor(NamedTuple):
     speed: float
     touches: CalibrationTouches
 
-    def estimate(self, sheet: Calibration = SHEET) -> CalibrationEstimate:
+    def estimate(self, sheet: Calibration = SHEET) -> touch.CalibrationEstimate:
         return estimate_calibration(self.touches, X, Y, sheet)
 
-    def errors(self, result: CalibrationEstimate) -> Floats:
+    def errors(self, result: touch.CalibrationEstimate) -> Floats:
         """Errors of the gains over their standard errors."""
         with np.errstate(divide="ignore"):  # of taxels that are not trusted
             return (result.gain - 1 / self.gain) / result.gain_error

@@ -1,9 +1,7 @@
 """Pads, fingers, touches that have come as far as a test wants them, and random ones by kind."""
 
-from __future__ import annotations
-
 from dataclasses import fields, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -68,11 +66,11 @@ def applied(
     return to
 
 
-def readings(made: Stage, field: Floats, count: int) -> Floats:
+def readings(made: Stage, field: Floats, count: int, times: Floats | None = None) -> Floats:
     """What a stage makes of the same field in each of many touches, (count, rows, cols)."""
     state, result = made.state, []
     for number in range(count):
-        contact = touch(number, field)
+        contact = touch(number, field, time=number + 1.0 if times is None else times[number])
         state = made.apply(contact, state)
         result.append(contact.reading)
     return np.array(result)
@@ -97,23 +95,14 @@ SURFACES = {
     "corner": lambda u, v, s, side: side * s * np.maximum(u, np.abs(0.9 * v) - 0.5 * u),
     "pyramid": lambda u, v, s, side: s * np.maximum(np.abs(u), np.abs(v)),
 }
-KINDS: dict[str, PatchKind] = {"edge": "edge", "step": "edge", "rim": "edge"}
-KINDS |= {"corner": "corner", "pyramid": "corner"}
+KINDS: dict[str, PatchKind] = dict.fromkeys(SURFACES, "smooth")
+KINDS |= {"edge": "edge", "step": "edge", "rim": "edge", "corner": "corner", "pyramid": "corner"}
 
 
-class KnownTouch(NamedTuple):
-    """A touch whose kind is known."""
-
-    kind: PatchKind
-    pad: Pad
-    compression: Floats  # (rows, cols) [m]
-    touched: Bools  # (rows, cols)
-    noise: float  # standard deviation of one taxel [m]
-
-
-def draw_touch(rng: np.random.Generator, name: str) -> KnownTouch:
+def draw_touch(rng: np.random.Generator, name: str) -> tuple[Pad, Floats, Bools, float]:
     """One touch of a surface, turned, with its feature within two pitches of the pad's middle.
 
+    Pad, compression and touched taxels (rows, cols), and the standard deviation of one taxel [m].
     It is pressed so deep that each face owns enough taxels.
     """
     pad = FLAT if rng.random() < 0.5 else replace(FLAT, dome=1.0 / rng.uniform(12e-3, 25e-3))
@@ -125,4 +114,4 @@ def draw_touch(rng: np.random.Generator, name: str) -> KnownTouch:
     depth = np.quantile(over, rng.uniform(0.5, 1.0)) - over.min()
     compression = np.maximum(over.min() + depth - over, 0.0) + noise * rng.normal(size=X.shape)
     touched = compression > max(50e-6, 5.0 * noise)
-    return KnownTouch(KINDS.get(name, "smooth"), pad, compression, touched, noise)
+    return pad, compression, touched, noise

@@ -1,7 +1,5 @@
 """Axes from normals: of revolution, of straight sides, of an end face."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

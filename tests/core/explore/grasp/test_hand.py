@@ -1,10 +1,7 @@
 """A closing hand: where its fingers go, what they touch, and where it closes next."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
-from functools import cache
 
 import numpy as np
 import pytest
@@ -46,7 +43,6 @@ def close(shape: Shape, pose: Pose, hand: Hand = HAND, *effects, platform=-1.0, 
     return room.close_hand(shape, fingers, states, hand, pose, platform, when)[0]
 
 
-@cache
 def grasped(name: str, wanted: int) -> tuple[Floats, Floats, int]:
     """Points and normals of at least `wanted` contacts, and the number of closings."""
     shape = {"ball": standing(BALL), "aside": standing(CYLINDER, 0.06)}[name]

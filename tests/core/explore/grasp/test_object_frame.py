@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -12,6 +11,7 @@ import pytest
 
 from palpate.core.arrays import Floats
 from palpate.core.explore.grasp import ObjectFrame, fit_object_frame, mass_properties
+from palpate.core.geometry import areas_and_normals
 from palpate.core.poses import Pose, rotations_from_vectors
 from palpate.core.rebuild import fit_coarse
 from palpate.core.shapes import Bend, FittedSuperquadric, Superquadric
@@ -48,10 +48,8 @@ class Grasped(NamedTuple):
 
 def grasp(shape: Superquadric, turn: Floats, place: Floats = PLACE, count: int = 60) -> Grasped:
     vertices, faces = shape.mesh(3)
-    a, b, c = (vertices[faces] @ turn.T).transpose(1, 0, 2)
-    normals = np.cross(b - a, c - a)
-    normals /= np.linalg.norm(normals, axis=1)[:, None]
-    middles = (a + b + c) / 3.0 @ turn  # onto the surface itself, not its facets
+    normals = areas_and_normals(vertices[faces])[1] @ turn.T
+    middles = vertices[faces].mean(axis=1)  # onto the surface itself, not its facets
     points = (middles / shape.gauge(middles)[:, None]) @ turn.T + place
     order = np.random.default_rng(0).permutation(len(points))
     platform = float((vertices @ turn.T + place)[:, 2].min())
@@ -69,13 +67,7 @@ def grasp(shape: Superquadric, turn: Floats, place: Floats = PLACE, count: int =
     return Grasped(points[order], normals[order], platform, fit)
 
 
-@cache
-def leaning() -> Grasped:
-    return grasp(ELLIPSOID, turn_of(0.5, 0.0, 0.0))
-
-
-def axes_of(frame: ObjectFrame) -> Floats:
-    return frame.pose.axes
+LEANING = grasp(ELLIPSOID, turn_of(0.5, 0.0, 0.0))
 
 
 def ends(frame: ObjectFrame) -> tuple[float, float]:
@@ -107,7 +99,7 @@ def test_upright_object_is_sliced_in_world_axes_and_heights():
     assert (frame.low, frame.high) == pytest.approx((0.008, 0.092), abs=1e-4)
     ball = grasp(BALL, turn_of(0.5, 0.0, 0.0)).frame()  # it has no axis
     assert ball.is_ambiguous and ball.axis_error == 0.0
-    assert np.array_equal(axes_of(ball), np.eye(3))
+    assert np.array_equal(ball.pose.axes, np.eye(3))
     assert (ball.low, ball.high, ball.radius) == pytest.approx((0.02, 0.08, 0.03), abs=1e-4)
 
 
@@ -117,18 +109,18 @@ def test_tile_is_sliced_along_short_axis_and_straight_sides_correct_fit():
         tile = Superquadric(np.array([0.04, 0.04, 0.012]), np.array([0.2, e2]))
         frame = grasp(tile, turn).frame()
         assert frame.axis == kind and 0.0 < frame.place_error < 1e-3
-        assert np.linalg.norm(np.cross(axes_of(frame)[:, 2], turn[:, 2])) < 0.01
+        assert np.linalg.norm(np.cross(frame.pose.axes[:, 2], turn[:, 2])) < 0.01
     box = grasp(BOX, turn, count=120)
     straight = box.part(np.abs(box.normals @ turn[:, 2]) < 0.2)
     frame = straight.frame(pose=Pose(PLACE, turn_of(0.53, 0.0, 0.0)).array)
-    assert np.linalg.norm(np.cross(axes_of(frame)[:, 2], turn[:, 2])) < 0.01 < 0.03
+    assert np.linalg.norm(np.cross(frame.pose.axes[:, 2], turn[:, 2])) < 0.01 < 0.03
 
 
 @pytest.mark.parametrize("axis", [(0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.6, 0.0, 0.8)])
 def test_given_axis_is_kept_and_its_ends_are_uncertain(axis):
-    frame = leaning().frame(np.array(axis))
+    frame = LEANING.frame(np.array(axis))
     assert (frame.axis, frame.axis_error) == ("given", 0.0)
-    assert axes_of(frame)[:, 2] == pytest.approx(axis, abs=1e-12)
+    assert frame.pose.axes[:, 2] == pytest.approx(axis, abs=1e-12)
     reach = np.linalg.norm(turn_of(0.5, 0.0, 0.0).T @ axis * ELLIPSOID.size)
     assert abs(frame.high - frame.low - 2.0 * reach) < 2.0 * frame.extent_error < 2e-3
     for end, side in zip(ends(frame), (-1.0, 1.0), strict=True):
@@ -136,15 +128,15 @@ def test_given_axis_is_kept_and_its_ends_are_uncertain(axis):
 
 
 def test_frame_moves_and_turns_with_object_about_vertical():
-    quarter, shift, one = turn_of(0.0, 0.0, math.pi / 2), [0.1, 0.2, 0.3], leaning().frame()
+    quarter, shift, one = turn_of(0.0, 0.0, math.pi / 2), [0.1, 0.2, 0.3], LEANING.frame()
     moved = grasp(ELLIPSOID, quarter @ turn_of(0.5, 0.0, 0.0), quarter @ PLACE + shift)
-    assert moved.points == pytest.approx(leaning().points @ quarter.T + shift, abs=1e-12)
+    assert moved.points == pytest.approx(LEANING.points @ quarter.T + shift, abs=1e-12)
     other = moved.frame()
-    assert axes_of(other)[:, 2] == pytest.approx(quarter @ axes_of(one)[:, 2], abs=1e-5)
+    assert other.pose.axes[:, 2] == pytest.approx(quarter @ one.pose.axes[:, 2], abs=1e-5)
     assert other.pose.position == pytest.approx(quarter @ one.pose.position + shift, abs=1e-6)
     assert other[1:4] == pytest.approx(one[1:4], abs=1e-6)
     assert other[5:] == pytest.approx(one[5:], rel=1e-2)
-    assert leaning().frame().pose.array.tobytes() == one.pose.array.tobytes()
+    assert LEANING.frame().pose.array.tobytes() == one.pose.array.tobytes()
 
 
 @pytest.mark.parametrize("axis", [None, (1.0, 0.0, 0.0), (0.0, 0.0, -1.0)])
@@ -153,7 +145,7 @@ def test_few_contacts_give_frame_about_them(axis):
     frame = few.frame(None if axis is None else np.array(axis), warnings=("too few points",))
     assert frame.axis == ("none" if axis is None else "given")
     direction = UP if axis is None else np.abs(axis)
-    assert axes_of(frame)[:, 2] == pytest.approx(direction, abs=1e-12)
+    assert frame.pose.axes[:, 2] == pytest.approx(direction, abs=1e-12)
     along = few.points @ direction
     low = few.platform if direction[2] else along.min()
     assert ends(frame) == pytest.approx((low, along.max()))
@@ -163,10 +155,10 @@ def test_few_contacts_give_frame_about_them(axis):
 
 
 def test_fit_at_bound_is_less_certain_and_many_contacts_more_so():
-    sure, unsure = leaning().frame(), leaning().frame(warnings=("at a bound",))
+    sure, unsure = LEANING.frame(), LEANING.frame(warnings=("at a bound",))
     assert unsure.is_ambiguous or unsure.axis_error > 3.0 * sure.axis_error
-    few = leaning().part(slice(None, 20)).frame(UP, rms=1e-3)
-    many = leaning().frame(UP, rms=1e-3)
+    few = LEANING.part(slice(None, 20)).frame(UP, rms=1e-3)
+    many = LEANING.frame(UP, rms=1e-3)
     assert many.place_error < few.place_error
     body = grasp(ELLIPSOID, turn_of(math.pi, 0.0, 0.0))
     upper = body.part(body.points[:, 2] > PLACE[2])  # an untouched end is less certain
@@ -178,7 +170,7 @@ def test_level_foot_that_leans_little_draws_no_solid_aside():
     body = grasp(shape, turn_of(*math.radians(0.2) * np.array([-0.7, 0.7, 0.0])), count=100)
     side = body.part(np.abs(body.points[:, 2] - PLACE[2]) < 0.03)
     frame = side._replace(platform=side.platform - 0.016).frame(rms=1e-3)
-    assert np.array_equal(axes_of(frame), np.eye(3))
+    assert np.array_equal(frame.pose.axes, np.eye(3))
     assert np.hypot(*(frame.pose.position - side.fit.pose[:3])[:2]) < 1e-3
 
 
@@ -195,7 +187,7 @@ def neck(top: list[tuple[Floats, Floats]] = (), lean: float = 0.0) -> ObjectFram
     normals = np.vstack([rim, *(normal for _, normal in top)])
     turn = turn_of(0.0, lean, 0.0)
     fit = replace(
-        leaning().fit,
+        LEANING.fit,
         size=np.array([RADIUS, RADIUS, HALF]),
         exponents=np.array([0.1, 1.0]),
         pose=Pose(np.zeros(3), turn).array,
@@ -228,13 +220,13 @@ def test_touched_end_is_where_its_contacts_have_it():
 
 
 def test_coarse_fit_gives_frame_of_true_solid():
-    points, normals, platform, _ = leaning()
+    points, normals, platform, _ = LEANING
     frame = fit_object_frame(fit_coarse(points, NOISE), points, normals, platform, NOISE)
-    assert axes_of(frame)[:, 2] == pytest.approx(turn_of(0.5, 0.0, 0.0)[:, 2], abs=5e-3)
+    assert frame.pose.axes[:, 2] == pytest.approx(turn_of(0.5, 0.0, 0.0)[:, 2], abs=5e-3)
     assert (frame.low, frame.high) == pytest.approx((-0.042, 0.042), abs=3e-4)
     grown = PLACE + 1.05 * (points - PLACE)  # a solid goes through contacts that its fit misses
     residuals = 0.05 * np.sum((points - PLACE) * normals, axis=1)
-    fit = replace(leaning().fit, residuals=residuals, rms=1.2e-3)
+    fit = replace(LEANING.fit, residuals=residuals, rms=1.2e-3)
     frame = fit_object_frame(fit, grown, normals, platform - 2e-3, NOISE)
     assert (frame.low, frame.high) == pytest.approx((-0.0441, 0.0441), abs=5e-4)
     few = fit_coarse(np.random.default_rng(0).normal(size=(8, 3)), NOISE)
@@ -255,7 +247,7 @@ ZEROS = np.zeros((20, 3))
 )
 def test_invalid_contacts_are_refused(points, normals, noise, words):
     with pytest.raises(ValueError, match=words):
-        fit_object_frame(leaning().fit, points, normals, 0.0, noise)
+        fit_object_frame(LEANING.fit, points, normals, 0.0, noise)
 
 
 def test_moments_are_those_of_ellipsoid_and_tetrahedron():

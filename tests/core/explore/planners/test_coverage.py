@@ -1,7 +1,5 @@
 """What no pad has touched, and how large the error is between slices."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -22,9 +20,7 @@ def wavy(z: float) -> float:
 
 
 def predicted(observation: planners.Observation):
-    prediction = estimate_error(observation).prediction
-    assert prediction is not None
-    return prediction
+    return estimate_error(observation).prediction
 
 
 def test_untouched_spans_lie_between_touched_bands():

@@ -1,7 +1,5 @@
 """Plans: the same in any unit, they end, and each planner goes where its rule says."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 
@@ -10,18 +8,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from palpate.core.explore import planners
-from palpate.core.explore.planners import (
-    PLANNER_NAMES as PLANNERS,
-    Fuzzy,
-    Height,
-    LearnedSteps,
-    Predicted,
-    Stop,
-    Thesis,
-    Uniform,
-    Wait,
-    make_planner,
-)
+from palpate.core.explore.planners import Fuzzy, Height, Predicted, Stop, Thesis, Uniform, Wait
 from tests.core.explore.planners import sides
 from tests.core.explore.planners.sides import CYLINDER, HEIGHT, SIDES, explore, known, slice_of
 
@@ -56,14 +43,7 @@ def nonsense(rng: np.random.Generator, height: float, trouble: float) -> planner
     return slice_of(CYLINDER, height / HEIGHT, height=height, deviation=deviation, **wild)
 
 
-def moved_ends(rng: np.random.Generator) -> dict[str, float]:
-    low, high = np.sort(rng.uniform(-0.02, 0.11, 2))
-    deviations = rng.choice([0.0, 1e-3, 0.02, 1.0], 2)
-    names = "low", "high", "low_deviation", "high_deviation"
-    return dict(zip(names, (low, max(high, low + 5e-3), *deviations), strict=True))
-
-
-@pytest.mark.parametrize("name", PLANNERS)
+@pytest.mark.parametrize("name", planners.PLANNER_NAMES)
 @settings(derandomize=True, deadline=None, max_examples=7)
 @given(
     seed=st.integers(0, 10**6),
@@ -72,7 +52,7 @@ def moved_ends(rng: np.random.Generator) -> dict[str, float]:
     all_taxels=st.booleans(),
 )
 def test_plan_ends_whatever_it_is_told(name, seed, trouble, fingers, all_taxels):
-    rng, planner = np.random.default_rng(seed), make_planner(name, {})
+    rng, planner = np.random.default_rng(seed), planners.make_planner(name, {})
     spacing = float(rng.choice([0.0, 0.01, 0.03, 0.2])) if fingers > 1 else 0.0
     slices, busy, ends = list[planners.ObservedSlice](), list[float](), {}
     for _ in range(200):
@@ -92,7 +72,10 @@ def test_plan_ends_whatever_it_is_told(name, seed, trouble, fingers, all_taxels)
             break
         slices.append(nonsense(rng, busy.pop(int(rng.integers(len(busy)))), trouble))
         if rng.random() < 0.2:
-            ends = moved_ends(rng)
+            low, high = np.sort(rng.uniform(-0.02, 0.11, 2))
+            deviations = rng.choice([0.0, 1e-3, 0.02, 1.0], 2)
+            names = "low", "high", "low_deviation", "high_deviation"
+            ends = dict(zip(names, (low, max(high, low + 5e-3), *deviations), strict=True))
     assert isinstance(choice, Stop)
 
 
@@ -102,10 +85,15 @@ def test_enormous_figures_leave_finite_bound_and_plan(field):
         size = np.abs(values) if field == "radii" else values
         odd = known(sides.slices_of(SIDES["vase"], COVER, **{field: size}))
         assert np.isfinite(planners.estimate_error(odd).rms_bound_95)
-        for choice in (make_planner(name, {}).next(odd) for name in PLANNERS):
+        for choice in (
+            planners.make_planner(name, {}).next(odd) for name in planners.PLANNER_NAMES
+        ):
             assert not isinstance(choice, Height) or 0.0 < choice.height < HEIGHT
     many = known(sides.slices_of(CYLINDER, np.linspace(0.03, 0.97, 300)))
-    assert all(isinstance(make_planner(name, {}).next(many), Stop) for name in PLANNERS)
+    assert all(
+        isinstance(planners.make_planner(name, {}).next(many), Stop)
+        for name in planners.PLANNER_NAMES
+    )
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 9, 10, 41])
@@ -166,12 +154,12 @@ def test_learned_steps_are_longer_where_flatter_and_where_less_is_asked(
     bend, change, beyond, tolerance
 ):
     def step(bend, tolerance):
-        return LearnedSteps(tolerance, 1.0).later(bend, change, 1)
+        return planners.LearnedSteps(tolerance, 1.0).later(bend, change, 1)
 
     assert step(bend + beyond, tolerance) < step(bend, tolerance) < step(bend, 2.0 * tolerance)
     assert step(1e9 * beyond, tolerance) >= planners.TRAINED.min_step
     assert step(0.0, tolerance) <= planners.TRAINED.max_step
-    half, whole = (LearnedSteps(tolerance, scale).first(bend) for scale in (0.5, 1.0))
+    half, whole = (planners.LearnedSteps(tolerance, scale).first(bend) for scale in (0.5, 1.0))
     assert half == 0.5 * whole
 
 

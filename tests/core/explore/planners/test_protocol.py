@@ -1,11 +1,6 @@
 """What a planner observes and answers, how it is made, and how a solid is judged."""
 
-from __future__ import annotations
-
-import doctest
 import math
-from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,10 +8,9 @@ import pytest
 
 from palpate.core.explore import planners
 from palpate.core.explore.planners import Budget, Height, Stop, Wait, make_planner
-from tests.core.explore.planners.sides import CONTOUR, CYLINDER, failed, known, slice_of
+from tests.core.explore.planners.sides import CONTOUR, CYLINDER, Says, failed, known, slice_of
 
-PAGE = Path(__file__).parents[4] / "docs" / "planning.md"
-SHORT = {name: np.full(8, 0.02) for name in CONTOUR}
+SHORT = slice_of(CYLINDER, 0.5, **dict.fromkeys(CONTOUR, np.full(8, 0.02)))
 
 
 def slice_with(**changes: Any) -> planners.ObservedSlice:
@@ -39,7 +33,7 @@ def slice_with(**changes: Any) -> planners.ObservedSlice:
         (known, {"pose_deviation": -1.0}, "pose_deviation must be 0 or more"),
         (known, {"finger_spacing": -1.0}, "finger_spacing must be 0 or more"),
         (known, {"busy_heights": (0.02, math.nan)}, "busy_heights must be finite"),
-        (known, {"slices": (slice_with(), slice_with(**SHORT))}, r"azimuths, got \[8, 16\]"),
+        (known, {"slices": (slice_with(), SHORT)}, r"azimuths, got \[8, 16\]"),
         (slice_with, {"height": math.nan}, "height must be finite"),
         (slice_with, {"deviation": -1.0}, "deviation must be 0 or more"),
         (slice_with, {"touches": -1}, "touches must be 0 or more and finite, got -1 touches"),
@@ -84,16 +78,6 @@ def test_first_and_last_slice_lie_nearer_ends_for_less_error(tolerance, inside):
 
 
 BUSY = {"busy_heights": (0.03,), "finger_spacing": 0.02}
-
-
-@dataclass(frozen=True)
-class Says:
-    """A planner that always gives the same answer."""
-
-    choice: Any
-
-    def next(self, observation: planners.Observation) -> planners.Choice:
-        return self.choice
 
 
 @pytest.mark.parametrize(
@@ -231,9 +215,3 @@ def test_verdict_names_limit_that_is_not_kept(name):
     assert ASKED.stated() == asked
     flat = planners.Limits(tolerance=1e-4)  # what stands on the platform is taken for flat
     assert planners.judge(planners.Findings(error_bound=1e-4, underside_share=0.5), flat).reached
-
-
-def test_examples_of_page_are_right():
-    outcome = doctest.testfile(str(PAGE), module_relative=False)
-    assert outcome.failed == 0
-    assert outcome.attempted >= 10

@@ -1,7 +1,5 @@
 """Single touches: where they can be made, which is made, and when they are over."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import replace
@@ -9,16 +7,19 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial import Delaunay
 
 from palpate.core import geometry, poses, shapes, touch
 from palpate.core.arrays import Floats
 from palpate.core.explore import planners
 from palpate.core.explore.planners import Progress, Stop, Touch, Touches, estimate_error
-from tests.core.explore.planners.sides import known
+from tests.core.explore.planners.sides import Says, known
 
 PAD = touch.Pad(rows=16, cols=16, pitch=1e-3, thickness=6e-3, dome=0.0, saturation=0.5)
 RADIUS, MIDDLE = 0.03, np.array([0.0, 0.0, 0.05])
 FOOT = MIDDLE[2] - RADIUS
+TOP = MIDDLE + [0.0, 0.0, RADIUS]
+MOUTH = TOP + 1e-3 * np.array([[x, y, 0.0] for x in (-2, 0, 2) for y in (-2, 0, 2)])
 NEAR = lambda at: 1e-3  # noqa: E731
 EXACT = lambda at: 1e-5  # noqa: E731
 Field = Callable[[Floats], float]
@@ -117,25 +118,23 @@ def test_known_solid_ends_touches():
 
 
 def test_spanned_opening_is_unknown_until_touched():
-    top = MIDDLE + [0.0, 0.0, RADIUS]
-    mouth = top + 1e-3 * np.array([[x, y, 0.0] for x in (-2, 0, 2) for y in (-2, 0, 2)])
-    away = lambda at: np.clip(6e-3 - float(np.linalg.norm(at - top)), 1e-3, 3e-3)  # noqa: E731
+    away = lambda at: np.clip(6e-3 - float(np.linalg.norm(at - TOP)), 1e-3, 3e-3)  # noqa: E731
     aimed = list[Floats]()
     while isinstance(
         choice := Touches().next(
-            opened := ball(EXACT, away, openings=mouth, aimed=np.reshape(aimed, (-1, 3)))
+            opened := ball(EXACT, away, openings=MOUTH, aimed=np.reshape(aimed, (-1, 3)))
         ),
         Touch,
     ):
-        assert np.linalg.norm(choice.target - top) < 6e-3
+        assert np.linalg.norm(choice.target - TOP) < 6e-3
         aimed.append(choice.target)
     assert isinstance(choice, Stop) and 2 <= len(aimed) <= 4
     estimate = estimate_error(opened)
     assert failures(opened) == ["error bound", "unentered hole"]
     assert estimate.findings.unentered_hole == pytest.approx(6e-3, rel=0.1)
     assert estimate.rms_bound_95 > 1e-4  # what it may hide counts
-    assert np.linalg.norm(estimate.open_area.places[0] - top) < 5e-3
-    assert estimate_error(ball(EXACT, openings=mouth)).reached
+    assert np.linalg.norm(estimate.open_area.places[0] - TOP) < 5e-3
+    assert estimate_error(ball(EXACT, openings=MOUTH)).reached
     lying = ball(lambda at: 1e-2 if at[2] < 0.0205 else 1e-5, platform=FOOT)
     assert failures(lying) == []  # what it stands on may be hollow: no number bounds it
     assert lying.surface.findings.underside_share > 0.01
@@ -174,14 +173,11 @@ def test_planners_and_surfaces_with_other_settings_exist_side_by_side():
 
 def test_deep_hole_does_not_end_touches_of_the_rest():
     """What it may hide is far more than what touches elsewhere bring."""
-    top = MIDDLE + [0.0, 0.0, RADIUS]
-    mouth = top + 1e-3 * np.array([[x, y, 0.0] for x in (-2, 0, 2) for y in (-2, 0, 2)])
-    away = lambda at: max(6e-3 - float(np.linalg.norm(at - top)), 1e-3)  # noqa: E731
-    tried = np.array([top, top])
-    choice = Touches().next(ball(towards(1, 0, 0), away, openings=mouth, aimed=tried))
+    away = lambda at: max(6e-3 - float(np.linalg.norm(at - TOP)), 1e-3)  # noqa: E731
+    tried = {"openings": MOUTH, "aimed": np.array([TOP, TOP])}
+    choice = Touches().next(ball(towards(1, 0, 0), away, **tried))
     assert isinstance(choice, Touch) and choice.target[0] > 0.5 * RADIUS
-    known_rest = Touches().next(ball(EXACT, away, openings=mouth, aimed=tried))
-    assert isinstance(known_rest, Stop)
+    assert isinstance(Touches().next(ball(EXACT, away, **tried)), Stop)
 
 
 @pytest.mark.parametrize(("bend", "hides"), [((-1, -1), True), ((-1, 0), False), ((-1, 1), False)])
@@ -191,11 +187,7 @@ def test_pit_that_holds_pad_off_may_be_the_mouth_of_a_hole(bend, hides):
     dip = sum(sign * np.minimum(at**2, 9e-5) for sign, at in zip(bend, (x, y), strict=True))
     top = 0.04 + (-40.0 * dip - 7.2e-3 * (min(bend) < 0))
     rows = np.stack([x, y, top], axis=-1).reshape(-1, 3)
-    corner = np.arange(61 * 60).reshape(60, 61)[:, :-1].ravel()
-    faces = np.concatenate([
-        np.column_stack([corner, corner + 1, corner + 61]),
-        np.column_stack([corner + 1, corner + 62, corner + 61]),
-    ])  # fmt: skip
+    faces = Delaunay(rows[:, :2]).simplices
     middle = rows[30 * 61 + 30]
     away = lambda at: max(5e-3 - float(np.linalg.norm(at - middle)), 0.5e-3)  # noqa: E731
     seen = solid(shapes.Mesh(rows, faces.astype(np.int32)), EXACT, away, platform=None)
@@ -279,16 +271,12 @@ def test_touches_that_change_nothing_are_last(bounds, opened, settled):
     ],
 )
 def test_touch_that_no_finger_can_make_is_refused(place, words):
-    class Says:
-        def next(self, observation):
-            return asked
-
     asked = Touch(poses.Pose(MIDDLE + place, np.eye(3)), 0.01, MIDDLE, "")
     with pytest.raises(planners.WrongChoiceError, match=words):
-        planners.check_choice(Says(), ball(EXACT))
+        planners.check_choice(Says(asked), ball(EXACT))
     asked = asked._replace(pose=poses.Pose(MIDDLE + [0.1, 0.0, 0.0], np.eye(3)))
-    assert planners.check_choice(Says(), ball(EXACT)) is asked
+    assert planners.check_choice(Says(asked), ball(EXACT)) is asked
     with pytest.raises(planners.WrongChoiceError, match="needs a known solid"):
-        planners.check_choice(Says(), known())
+        planners.check_choice(Says(asked), known())
     with pytest.raises(ValueError, match="bounds must"):
         ball(EXACT, bounds=np.zeros(3))

@@ -1,11 +1,10 @@
 """On which side an object is set down, and what is open as it lies now."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
 import pytest
+import trimesh
 
 from palpate.core import shapes
 from palpate.core.explore import planners
@@ -14,6 +13,7 @@ from palpate.core.explore.planners.turning import TurningSettings
 from palpate.core.poses import Pose
 from tests.core.explore.planners.sides import known
 from tests.core.explore.planners.test_touches import EXACT, solid
+from tests.core.geometry.bodies import arrays
 
 SIZE = np.array([0.03, 0.02, 0.015])
 BRICK = shapes.Superquadric(SIZE, np.array([0.15, 0.15])).mesh(4)
@@ -21,40 +21,32 @@ BRICK = shapes.Mesh(BRICK.vertices + [0.0, 0.0, SIZE[2]], BRICK.faces)
 UPSIDE_DOWN = Pose(np.array([0.0, 0.0, 2.0 * SIZE[2]]), np.diag([1.0, -1.0, -1.0]))
 
 
-def standing(**changes):
-    """A brick of which all is known but its underside."""
-    return solid(BRICK, EXACT, lambda at: 12e-3 if at[2] < 1e-3 else 1e-3, **changes).surface
-
-
-def test_underside_that_must_be_known_is_turned_to_where_fingers_reach_it():
-    motion = choose_turn(standing(), 2e-4, underside=True)
-    assert motion is not None
-    moved = motion.to_outer(BRICK.vertices)
-    assert moved[:, 2].min() == pytest.approx(0.0, abs=1e-9)
-    assert moved[:, :2].mean(axis=0) == pytest.approx([0.0, 0.0], abs=1e-3)
-    assert motion.axes[2, 2] < -0.9  # upside down: lying on a side a part of it would stay low
-    assert choose_turn(standing(), 2e-4, underside=False) is None  # it is taken for flat
-
-
-def test_nothing_is_turned_where_no_side_brings_more_or_nothing_stands():
-    touched = solid(BRICK, EXACT).surface
-    assert choose_turn(touched, 2e-4, underside=False) is None
-    assert choose_turn(standing(platform=None), 2e-4, underside=True) is None
+def standing(mesh=BRICK, foot=0.0):
+    """A solid of which all is known but its underside."""
+    return solid(mesh, EXACT, lambda at: 12e-3 if at[2] < foot + 1e-3 else 1e-3).surface
 
 
 @pytest.mark.parametrize("gap", [0.0, 3e-3])
-def test_what_is_lowest_stands_however_high_a_solid_is_said_to_end(gap):
+def test_underside_that_must_be_known_is_turned_to_where_fingers_reach_it(gap):
+    """What is lowest stands, however high a solid is said to end."""
     raised = shapes.Mesh(BRICK.vertices + [0.0, 0.0, gap], BRICK.faces)
-    surface = solid(raised, EXACT, lambda at: 12e-3 if at[2] < gap + 1e-3 else 1e-3).surface
+    surface = standing(raised, gap)
     assert surface.findings.underside_share == pytest.approx(0.24, abs=0.06)
-    assert choose_turn(surface, 2e-4, underside=True) is not None
+    motion = choose_turn(surface, 2e-4, underside=True)
+    moved = motion.to_outer(raised.vertices)
+    assert moved[:, 2].min() == pytest.approx(0.0, abs=1e-9)
+    assert moved[:, :2].mean(axis=0) == pytest.approx([0.0, 0.0], abs=1e-3)
+    assert motion.axes[2, 2] < -0.9  # upside down: lying on a side a part of it would stay low
+    assert choose_turn(surface, 2e-4, underside=False) is None  # it is taken for flat
+    touched = solid(raised, EXACT).surface  # no side brings more
+    assert choose_turn(touched, 2e-4, underside=False) is None
+    assert choose_turn(replace(surface, platform=None), 2e-4, underside=True) is None
 
 
 def test_thin_object_is_not_laid_flat_where_no_hand_can_feel_it():
     blade = shapes.Superquadric(np.array([0.03, 0.0015, 0.02]), np.array([0.15, 0.15])).mesh(4)
     blade = shapes.Mesh(blade.vertices + [0.0, 0.0, 0.02], blade.faces)
-    surface = solid(blade, EXACT, lambda at: 12e-3 if at[2] < 1e-3 else 1e-3).surface
-    thin = TurningSettings(min_thickness=0.0)
+    surface, thin = standing(blade), TurningSettings(min_thickness=0.0)
     flat = choose_turn(surface, 2e-4, underside=True, settings=thin)
     assert flat is not None and np.ptp(flat.to_outer(blade.vertices)[:, 2]) < 4e-3
     assert choose_turn(surface, 2e-4, underside=True) is None  # on its edges it is not firm
@@ -63,7 +55,6 @@ def test_thin_object_is_not_laid_flat_where_no_hand_can_feel_it():
 def test_what_it_stood_on_is_flat_until_touched_and_is_touched_next():
     """After half a turn the old underside faces up."""
     before = standing()
-    assert before.findings.underside_share == pytest.approx(0.24, abs=0.06)
     mesh = shapes.Mesh(UPSIDE_DOWN.to_outer(BRICK.vertices), BRICK.faces)
     turned = replace(before, mesh=mesh, pose=UPSIDE_DOWN)
     share = turned.findings.underside_share
@@ -80,15 +71,8 @@ def test_what_it_stood_on_is_flat_until_touched_and_is_touched_next():
 
 
 def test_no_finger_comes_up_through_the_ring_on_which_an_object_stands():
-    u, v = (2.0 * np.pi * np.arange(count) / count for count in (96, 48))
-    u, v = np.meshgrid(u, v, indexing="ij")
-    away = 0.05 + 0.012 * np.cos(v)
-    places = np.stack([away * np.cos(u), away * np.sin(u), 0.012 + 0.012 * np.sin(v)], axis=-1)
-    number = np.arange(96 * 48).reshape(96, 48)
-    a, b = number, np.roll(number, -1, axis=0)
-    c, d = np.roll(b, -1, axis=1), np.roll(a, -1, axis=1)
-    faces = np.stack([np.stack(one, -1) for one in ((a, b, c), (a, c, d))]).reshape(-1, 3)
-    mesh = shapes.Mesh(places.reshape(-1, 3), faces.astype(np.int32))
+    torus = trimesh.creation.torus(0.05, 0.012, 96, 48)
+    mesh = arrays(torus.apply_translation([0.0, 0.0, 0.012]))
     inner = lambda at: 1e-3 if np.hypot(*at[:2]) < 0.042 else 1e-5  # noqa: E731
     surface = solid(mesh, inner).surface
     assert len(surface.offers)

@@ -1,7 +1,5 @@
 """Single touches of an object's ends: where they go, in what order, and when they are enough."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import replace

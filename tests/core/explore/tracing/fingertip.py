@@ -1,7 +1,5 @@
 """A simulated fingertip that traces contours as plain calls, and scripted touches without one."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
@@ -33,7 +31,6 @@ class Run:
 
     @property
     def points(self) -> Floats:
-        assert self.trace.path is not None
         return self.trace.path.points
 
 

@@ -1,7 +1,5 @@
 """The arc of one touch: where a touched surface meets the slice, its band, slope and normals."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

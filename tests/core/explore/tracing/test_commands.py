@@ -1,40 +1,20 @@
 """Where the next touch goes: search, steps, corners, gaps and their walls, reacquisition, ends."""
 
-from __future__ import annotations
-
 import itertools
 import math
 
 import numpy as np
 import pytest
 
-from palpate.core.explore.tracing import (
-    TOUCH_DEPTH,
-    SliceArc,
-    TouchCommand,
-    Trace,
-    TraceGoal,
-    after_touch,
-    next_command,
-)
+from palpate.core.explore import tracing
+from palpate.core.explore.tracing import SliceArc, TouchCommand, Trace, next_command
 from palpate.core.touch import Pad
 from tests.core.explore.tracing import fingertip
-from tests.core.explore.tracing.fingertip import (
-    DOMED,
-    FLAT,
-    WIDTH,
-    arc_of,
-    circle,
-    goal,
-    missed,
-    repeated,
-    scripted,
-    wall,
-)
+from tests.core.explore.tracing.fingertip import FLAT, arc_of, circle, repeated, scripted, wall
 
-HALF = 0.5 * WIDTH
+HALF = 0.5 * fingertip.WIDTH
 FACE = wall(*np.linspace(0.0, 0.02, 16))
-BRIDGED = missed(above=20, below=20)
+BRIDGED = fingertip.missed(above=20, below=20)
 
 
 def command_after(pad: Pad, *arcs: SliceArc | None) -> TouchCommand:
@@ -44,7 +24,7 @@ def command_after(pad: Pad, *arcs: SliceArc | None) -> TouchCommand:
 
 
 def test_absent_object_is_approached_from_eight_sides():
-    wanted = TraceGoal(0.05, np.array([0.01, -0.02]), 0.1, 150)
+    wanted = tracing.TraceGoal(0.05, np.array([0.01, -0.02]), 0.1, 150)
     run = fingertip.follow(FLAT, wanted, lambda command: None)
     assert (run.status, run.trace.touches) == ("no_contact", 8)
     turns = np.degrees([one.heading for one in run.commands]) % 360.0
@@ -59,13 +39,13 @@ def test_absent_object_is_approached_from_eight_sides():
 
 
 def test_walk_follows_leaning_surface_to_slice_and_never_to_pole():
-    met = missed(slope=0.5, rise=5e-3)
+    met = fingertip.missed(slope=0.5, rise=5e-3)
     command = command_after(FLAT, met, met)
     assert command.heading == 0.0
     assert command.posture.tilt == pytest.approx(-math.atan(0.5))
     assert command.place == pytest.approx([0.03 - 5e-3 * 0.5, 0.0], abs=1e-9)
     for slope in (-50.0, 50.0):
-        askew = missed(slope=slope, rise=0.02)
+        askew = fingertip.missed(slope=slope, rise=0.02)
         tilts = [one.posture.tilt for one in repeated(FLAT, askew, answer=askew, most=8)[0]]
         tilts = np.abs([one for one in tilts if one != pytest.approx(math.pi / 2)])
         assert 1.3 < tilts.max() < 1.5
@@ -73,7 +53,7 @@ def test_walk_follows_leaning_surface_to_slice_and_never_to_pole():
 
 def test_bridge_is_searched_deeper_in_postures_one_of_which_is_kept():
     commands, *_ = repeated(FLAT, BRIDGED, BRIDGED, answer=None, most=9)
-    assert all(one.posture.depth > TOUCH_DEPTH and one.posture.is_kept for one in commands)
+    assert all(one.posture.depth > tracing.TOUCH_DEPTH and one.posture.is_kept for one in commands)
     postures = {(round(one.posture.tilt, 9), round(one.posture.shift, 9)) for one in commands}
     shifts = sorted({shift for _, shift in postures})
     assert len(postures) == 9
@@ -95,7 +75,7 @@ def test_next_touch_lies_ahead_on_circle_along_its_normal(radius, azimuth):
     end = trace.end_heading
     hollow = circle(radius, azimuth + 0.012 / radius, azimuth)
     bent = scripted(FLAT, hollow._replace(normals=-hollow.normals))[0].end_heading
-    assert bent.curvature == pytest.approx(max(-1.0 / radius, -3.0 / WIDTH), rel=0.15)
+    assert bent.curvature == pytest.approx(max(-1.0 / radius, -3.0 / fingertip.WIDTH), rel=0.15)
     assert end.tangent == pytest.approx([-math.sin(azimuth), math.cos(azimuth)], abs=1e-12)
     assert end.curvature == pytest.approx(1.0 / radius, rel=0.15)
     assert math.remainder(end.normal_azimuth - azimuth, 2.0 * math.pi) == pytest.approx(0, abs=1e-9)
@@ -106,14 +86,14 @@ def test_steps_are_as_long_as_contact_and_pad_allow():
     large = Pad(16, 16, 2e-3, 3e-3, 0.0, 0.8)
     ways = [
         np.linalg.norm(command_after(pad, arc).place - arc.points[-1, :2])
-        for pad, arc in ((FLAT, flat), (DOMED, flat), (large, flat))
+        for pad, arc in ((FLAT, flat), (fingertip.DOMED, flat), (large, flat))
     ]
     assert 0.6 * HALF < ways[0] < 0.8 * HALF
     assert ways[1:] == pytest.approx([ways[0], 2.0 * ways[0]])
     for radius in (0.003, 0.006):  # the contact of a press of depth d is 2 sqrt(2 r d) long
         arc = circle(radius, -0.009 / radius, 0.0, 40)
         way = np.linalg.norm(command_after(FLAT, arc).place - arc.points[-1, :2])
-        assert way == pytest.approx(math.sqrt(2.0 * TOUCH_DEPTH * radius), rel=0.16)
+        assert way == pytest.approx(math.sqrt(2.0 * tracing.TOUCH_DEPTH * radius), rel=0.16)
     ahead = wall(*np.linspace(0.0, 0.006, 7))  # its slope tilts the next touch in part
     assert command_after(FLAT, flat, ahead._replace(slope=0.02)).posture.tilt == 0.0
     tilt = command_after(FLAT, flat, ahead._replace(slope=0.5)).posture.tilt
@@ -142,8 +122,10 @@ def test_miss_turns_both_ways_hops_ahead_and_comes_back_from_outside():
     ways = np.array([np.linalg.norm(one.place - [0.03, 0.02]) for one in corner])
     on_spot = ways < 1e-9
     assert on_spot[:6].all() and len(set(turns[on_spot].round(6))) == 6
-    assert (np.diff(ways[~on_spot]) >= 0.0).all() and WIDTH / 2 < ways.max() < WIDTH
-    assert all(one.standoff >= 0.2 * WIDTH for one in corner)
+    assert (
+        np.diff(ways[~on_spot]) >= 0.0
+    ).all() and fingertip.WIDTH / 2 < ways.max() < fingertip.WIDTH
+    assert all(one.standoff >= 0.2 * fingertip.WIDTH for one in corner)
     outside = np.unwrap([one.heading for one in rest if one.standoff == 0.0])
     assert np.diff(outside).max() <= math.radians(30.0) + 1e-9
     assert outside[-1] == pytest.approx(2.0 * math.pi)  # where the contour began
@@ -177,7 +159,7 @@ def test_gap_is_probed_in_middle_until_closed_or_kept():
     probe = command_after(FLAT, wall(0.0, 0.006))
     assert probe.place == pytest.approx([0.03, 0.003])
     assert probe.heading == pytest.approx(0.0)
-    assert probe.standoff >= 0.4 * WIDTH and probe.reach >= 0.5 * WIDTH
+    assert probe.standoff >= 0.4 * fingertip.WIDTH and probe.reach >= 0.5 * fingertip.WIDTH
     wide = command_after(FLAT, wall(0.0, 0.02))
     assert wide.standoff == wide.reach == pytest.approx(0.02)
     again = command_after(FLAT, wall(0.0, 0.010), wall(0.001, 0.002))  # it is shorter now
@@ -200,14 +182,14 @@ def test_edge_of_pad_comes_down_wall_of_gap_with_body_outside():
     [gap] = trace.gaps
     assert (gap.reason, len(trace.path.points)) == ("bridged", 2)
     [depth] = {one.posture.depth for one in (deep, *probes)}
-    assert TOUCH_DEPTH < depth < FLAT.saturation * FLAT.thickness and len(probes) % 2 == 0
+    assert tracing.TOUCH_DEPTH < depth < FLAT.saturation * FLAT.thickness and len(probes) % 2 == 0
     for command, end, side in zip(probes[:2], ends, (1.0, -1.0), strict=True):
         place, axes = command.start(0.0)
         edge = (place + side * HALF * axes[:, 0] + command.standoff * axes[:, 2])[:2]
         beyond, into = edge - end, np.array([-math.sin(turn), side * math.cos(turn)])
         assert 0.5 * turn < side * command.heading < turn
         assert beyond @ into == pytest.approx(np.linalg.norm(beyond))
-        assert 0.1 * WIDTH < np.linalg.norm(beyond) < 0.3 * WIDTH
+        assert 0.1 * fingertip.WIDTH < np.linalg.norm(beyond) < 0.3 * fingertip.WIDTH
         assert command.place[0] > edge[0] and abs(command.place[1]) > abs(edge[1])
     # Where the pad is tilted its corner comes first: one row lies beyond the slice.
     postures = {(one.posture.tilt, round(one.posture.shift, 9)) for one in probes}
@@ -230,10 +212,10 @@ def test_gap_that_ends_at_start_is_gap():
     turns = np.linspace(0.0, 2.0 * math.pi - 0.2, 16)
     arcs = [circle(0.02, *pair) for pair in itertools.pairwise(turns)]
     arcs.append(circle(0.02, 2.0 * math.pi + 0.02, 2.0 * math.pi + 0.4))
-    trace = Trace(goal())
+    trace = Trace(fingertip.goal())
     while isinstance((stepped := next_command(FLAT, trace))[1], TouchCommand):
         # A plain step meets the next arc; what is tried over the gap meets nothing.
-        trace = after_touch(stepped[0], None if stepped[0].arcs_since else arcs.pop(0))
+        trace = tracing.after_touch(stepped[0], None if stepped[0].arcs_since else arcs.pop(0))
     [gap] = stepped[0].gaps
     assert stepped[1] == "occluded" and gap.extent == pytest.approx(2.0 * 0.02 * math.sin(0.1))
     assert np.array_equal(gap.end, stepped[0].path.points[0])
@@ -247,5 +229,5 @@ def test_path_that_circles_without_closing_is_overrun():
         away = np.column_stack([np.cos(azimuth), np.sin(azimuth)])
         return arc_of((0.02 + 5e-4 * azimuth)[:, None] * away, away)
 
-    assert fingertip.follow(FLAT, goal(most_touches=40), spiral).status == "overrun"
+    assert fingertip.follow(FLAT, fingertip.goal(most_touches=40), spiral).status == "overrun"
     assert 2.0 * math.pi < next(turns) < 3.0 * math.pi

@@ -1,7 +1,5 @@
 """Contours of known solids: closed on the surface, in few touches, with gaps where no pad fits."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from functools import cache
@@ -139,19 +137,14 @@ def test_repeated_step_gives_same_and_changes_nothing(height, pad):
     assert (spent.status, spent.trace.touches) == ("budget", 4)
 
 
-def first_commands(shape: shapes.Shape, pad: Pad, height: float) -> list[TouchCommand]:
-    """The search for the first arc alone."""
-    answer, contour, commands = press(shape, pad, height), Trace(goal(height)), []
-    while (stepped := next_command(pad, contour))[0].path is None:
-        commands.append(stepped[1])
-        contour = after_touch(stepped[0], answer(stepped[1]))
-    return commands
-
-
 @pytest.mark.parametrize("share", [0.0, 0.25, -0.33, 0.9, -0.6])
 def test_search_tilts_pad_to_surface_without_overshoot(share):
-    commands = first_commands(BALL, DOMED, share * RADIUS)
-    tilts = np.sign(share) * np.array([one.posture.tilt for one in commands])
+    height, tilts = share * RADIUS, []
+    answer, contour = press(BALL, DOMED, height), Trace(goal(height))
+    while (stepped := next_command(DOMED, contour))[0].path is None:  # the first arc's search
+        tilts.append(np.sign(share) * stepped[1].posture.tilt)
+        contour = after_touch(stepped[0], answer(stepped[1]))
+    tilts = np.array(tilts)
     assert tilts[0] == 0.0 and (np.diff(tilts) >= 0.0).all()
     assert len(tilts) == (1 if share == 0.0 else 2) or (abs(share) > 0.5 and len(tilts) <= 7)
     if 0.0 < abs(share) < 0.5:  # touched askew at first: exactly once more

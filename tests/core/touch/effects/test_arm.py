@@ -1,7 +1,5 @@
 """The arm's errors of pose, its backlash and its compliance."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The pad's rubber: half-space, hardening, saturation, skirt and creep."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 
@@ -144,11 +142,6 @@ def test_saturation_clips_compression_and_pressure_alike(deepest, before, after)
     assert np.allclose(contact.pressure, 7e8 * field * clipped, rtol=1e-14)
 
 
-def tented(tip: Fingertip, field: Floats, contact: Bools, decay: float = 1e-3) -> Floats:
-    made = touch(field=field, pressure=np.where(contact, 1e4, 0.0))
-    return applied("tenting", made, tip, decay=decay).compression
-
-
 def membrane(field: Floats, contact: Bools, stiffness: float) -> Floats:
     """The same equations, all taxels at once."""
     rows, cols = field.shape
@@ -173,7 +166,8 @@ def test_skirt_solves_the_membrane_exactly(size):
     for contact in contacts:
         field = np.where(contact, rng.uniform(0.1e-3, 1e-3, size), 0.0)
         for decay in (0.2e-3, 1e-3, 20e-3):
-            result = tented(tip, field, contact, decay)
+            made = touch(field=field, pressure=np.where(contact, 1e4, 0.0))
+            result = applied("tenting", made, tip, decay=decay).compression
             expected = membrane(field, contact, (0.9e-3 / decay) ** 2)
             assert np.allclose(result, expected, rtol=0.0, atol=1e-15)
             assert np.array_equal(result[contact], field[contact])
