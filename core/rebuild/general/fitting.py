@@ -220,13 +220,13 @@ class CellBlocks(NamedTuple):
     offsets: Floats  # Places of the points in their cells, in the order of the cells, (k, 3)
     scale: Floats  # Factors of their rows, of value and gradient, (4, k)
     cell: Ints  # Cell of each point, ascending, (k,)
-    regular: Floats  # Part of each block without points: penalties, (64, 64)
+    smoothness: Floats  # Penalty of third derivatives, in each block, (64, 64)
+    anchors: Floats  # Weight of the squared distance to the coarse solid in each cell, (c,)
     n_rows: int  # Points whose rows are computed at a time
 
     def of(self, cells: Longs) -> Floats:
         """The blocks of some cells, (c, 64, 64)."""
-        blocks = np.empty((len(cells), N_LOCAL, N_LOCAL))
-        blocks[:] = self.regular
+        blocks = self.smoothness + self.anchors[cells, None, None] * cell_integrals()[1]
         starts, ends = (np.searchsorted(self.cell, cells, side) for side in ("left", "right"))
         last = np.cumsum(ends - starts)  # of the points of these cells
         first = last - (ends - starts)
@@ -239,7 +239,8 @@ class CellBlocks(NamedTuple):
     @property
     def largest(self) -> float:
         """The largest diagonal element of all blocks."""
-        regular, most = self.regular.diagonal(), [float(self.regular.diagonal().max())]
+        regular = (self.smoothness + self.anchors.max() * cell_integrals()[1]).diagonal()
+        most = [float(regular.max())]
         ends = np.append(np.flatnonzero(np.diff(self.cell)) + 1, len(self.cell))
         begin = 0
         while begin < len(self.cell):  # some cells at a time
@@ -294,14 +295,14 @@ class Equations:
             shape=(len(order), 3 * count),
         )
 
-    def blocks(self, shares: Floats, regular: Floats) -> CellBlocks:
-        """Sums of products of rows by cell, plus the penalties `regular` of each cell, (64, 64).
+    def blocks(self, shares: Floats, smoothness: Floats, anchors: Floats) -> CellBlocks:
+        """Sums of products of rows by cell, plus the penalties of each cell.
 
-        `shares` (k,) are factors of the points' rows.
+        `shares` (k,) are factors of the points' rows. `smoothness` and `anchors` as in `CellBlocks`.
         """
         scale = np.array([self.scale.point, *[self.scale.normal] * 3])
         rows = shares / scale[:, None]
-        return CellBlocks(self.offsets, rows, self.cell, regular, self.n_rows)
+        return CellBlocks(self.offsets, rows, self.cell, smoothness, anchors, self.n_rows)
 
     def right_side(self, shares: Floats) -> Floats:
         """Part (n,) of the right-hand side by the normals, which are targets of the gradients."""
@@ -333,22 +334,24 @@ def fit_implicit(
     start: Start,
     dissection: Dissection | None = None,
     shared: SharedMotions | None = None,
+    swept: Floats | None = None,
     settings: FitSettings = FitSettings(),
 ) -> Solution:
     """The spline over a band; points outside it have no weight.
 
     `coarse` (n,): distances from the coarse solid at the control values [cells]. `start`: weights
     of points and first guess of displacements. `dissection`: of the band, if known. `shared`:
-    motions that touches share beside their own displacements.
+    motions that touches share beside their own displacements. `swept` (c,): weights of the squared
+    distance to the coarse solid in each cell, in addition to `weights.anchor`; None: all 0.
     """
     count = len(start.displacements)
     equations = Equations(band, points, weights, count, dissection, shared, settings.n_rows)
     third, mass = cell_integrals()
-    regular = weights.variation * third + weights.anchor * mass
+    anchors = np.full(len(band.cells), weights.anchor) + (0.0 if swept is None else swept)
     pulled = np.zeros(len(band.control))
-    np.add.at(pulled, band.local, weights.anchor * (coarse[band.local] @ mass))
+    np.add.at(pulled, band.local, anchors[:, None] * (coarse[band.local] @ mass))
     shares = start.weights[equations.order]
-    factor = factorise(equations.dissection, equations.blocks(shares, regular))
+    factor = factorise(equations.dissection, equations.blocks(shares, weights.variation * third, anchors))
     right = equations.right_side(shares) + pulled
     control, moved = _solve(equations, factor, shares, right, start.displacements, settings)
     fit = with_residuals(equations, len(points.places), control, moved)

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from palpate.core.arrays import Bools, Floats, Ints, check_extent, finite_array, positive
 from palpate.core.geometry import linked_groups
 from palpate.core.rebuild.contours import ContactPoints, checked_contacts
-from palpate.core.rebuild.general.band import basis_values, make_band
+from palpate.core.rebuild.general.band import Band, basis_values, make_band
 from palpate.core.rebuild.general.dissection import dissect
 from palpate.core.rebuild.general.errors import surface_errors
 from palpate.core.rebuild.general.fitting import (
@@ -337,8 +337,9 @@ class SplineProblem(NamedTuple):
             order = dissect(band.cells, band.local, len(band.control))
             control = self.coarse.at(band.control * cell + known.origin) / cell
             terms = points, control, cell_weights(cell, known.pose, settings.spline)
+            swept = _swept_weights(known, band, cell)
             solution = None  # memory: never two factors at a time
-            solution = fit_implicit(band, *terms, start, order, shared, settings.fit)
+            solution = fit_implicit(band, *terms, start, order, shared, swept, settings.fit)
             beyond = surface_neighbours(solution.fit, standing=known.platform is not None)
             is_whole = len(beyond) <= known.widening.max_missing * len(band.cells)
             if turn == known.widening.max_rounds or is_whole:
@@ -348,8 +349,23 @@ class SplineProblem(NamedTuple):
         assert solution is not None
         for _ in range(weighed, rounds - 1):
             start, solution = start.begun(solution.fit, 1.0), None
-            solution = fit_implicit(band, *terms, start, order, shared, settings.fit)
+            solution = fit_implicit(band, *terms, start, order, shared, swept, settings.fit)
         return Fitted(Spline(cell, solution.fit), solution, touched, *terms[1:], shared)
+
+
+def _swept_weights(known: Known, band: Band, cell: float) -> Floats:
+    """Weights (c,) of the distance to the coarse solid in cells that fingers swept, far from touch.
+
+    The spline does not know what was swept. Without these weights it is extrapolated from the rim
+    of a cavity to a lid in front of places where fingers met nothing.
+    """
+    weights = np.zeros(len(band.cells))
+    if known.free is not None and len(known.free):
+        number = band.find(np.floor((known.free - known.origin) / cell).astype(np.int32))
+        number = np.unique(number[number >= 0])
+        number = number[_are_untouched(known, band.cells[number] + 0.5, cell)]
+        weights[number] = (cell / known.settings.bands.swept) ** 2
+    return weights
 
 
 def _with_spanned(

@@ -72,6 +72,9 @@ class BandSettings:
     outside: float = 1.0  # [cells]
     untouched: float = 2.0  # [cells]
     lacked: float = 3.0  # [cells] from an earlier band, beyond which the coarse solid is used
+    # Standard deviation of the coarse solid, per cell that fingers swept and that lies farther than
+    # `untouched` from touched points; larger lets the spline close cavities that were entered.
+    swept: float = 1.0e-3  # [m]
     widening: WideningSettings = WideningSettings()
     draft_widening: WideningSettings = WideningSettings(max_rounds=1, max_missing=0.01)
 

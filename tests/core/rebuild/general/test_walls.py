@@ -84,3 +84,28 @@ def test_cup_with_a_wall_of_half_a_cell_is_one_smooth_piece():
     assert found.cell < 2.2e-3
     off = scipy.spatial.cKDTree(mesh.vertices).query(points)[0]
     assert np.quantile(off, 0.95) < 1e-3  # The way to a vertex: they lie 1 mm apart
+
+
+def test_cavity_that_fingers_entered_is_not_closed_by_a_lid():
+    """A cup of 80 mm touched outside and on its rim; fingers came 20 mm deep and met nothing."""
+    rng, rim, depth = np.random.default_rng(0), 0.07, 0.02
+    touches = []
+    for number in range(14 * 6):
+        turn = 2.0 * np.pi * (number % 14) / 14 + rng.uniform(-0.1, 0.1, 30)
+        out = np.stack([np.cos(turn), np.sin(turn), 0.0 * turn], axis=-1)
+        across = rng.uniform(-4e-3, 4e-3, (30, 1))
+        up = np.broadcast_to([0.0, 0.0, 1.0], out.shape)
+        level = number // 14
+        side = 0.04 * out + (5e-3 + 15e-3 * level + across) * up
+        points, normals = (side, out) if level < 5 else ((0.03 + across) * out + rim * up, up)
+        touches.append(contacts(points + rng.normal(0.0, 1e-4, 3), normals))
+    beside, above = np.arange(-0.0175, 0.018, 2.5e-3), np.arange(rim - depth, rim + depth, 2.5e-3)
+    swept = np.stack(np.meshgrid(beside, beside, above), -1).reshape(-1, 3)
+    swept = swept[np.linalg.norm(swept[:, :2], axis=1) < 0.018]
+    draft = None
+    for _ in range(2):  # without an earlier solid, and from one
+        known = {"free": swept, "platform": 0.0, "outward": True, "cell": 5e-3}
+        draft = rebuild_general(stack_points(touches), **known, start=draft, draft=True)
+        vertices = draft.rough_mesh.vertices
+        lid = vertices[np.linalg.norm(vertices[:, :2], axis=1) < 6e-3, 2].max()
+        assert 0.5 * rim < lid < rim - depth + 2e-3
