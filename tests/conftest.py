@@ -125,14 +125,15 @@ def write(tmp_path: Path) -> Write:
 @pytest.fixture
 def tetrahedron() -> ShapeModel:
     """The smallest closed solid."""
-    fields: dict[str, Any] = {"contours": (0, 1), "dropped": (2,), "dropped_reasons": ("short",)}
+    fields: dict[str, Any] = {"contours": (0, 1), "dropped": (2,), "frame": IDENTITY_POSE}
     fields |= dict.fromkeys(("control", "undeformed"), np.zeros((4, 4, 4, 3)))
     fields |= dict.fromkeys(("knots_columns", "knots_rows", "knots_layers"), np.zeros(8))
     fields["vertices"] = np.array([[0, 0, 0], [0.01, 0, 0], [0, 0.02, 0], [0, 0, 0.03]])
     fields["faces"] = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]], np.int32)
     fields |= {"uncertainty_height": np.array([0.0]), "uncertainty": np.array([0.001])}
-    fields |= {"health": {"condition": 3.5, "fallbacks": 0.0}, "frame": IDENTITY_POSE}
-    return example(ShapeModel, number=1, touches=40, robot_time=20.0, final=True, **fields)
+    fields |= {"health": {"condition": 3.5, "fallbacks": 0.0}, "dropped_reasons": ("too short",)}
+    fields |= {"number": 1, "deviation": 0.0, "touches": 40, "robot_time": 20.0, "final": True}
+    return example(ShapeModel, **fields)
 
 
 @pytest.fixture
