@@ -74,10 +74,16 @@ def test_wheel_installs_palpate_alone_with_modules_scenes_and_type_marker(instal
     assert {name for name in tops if not re.match(r"palpate|bin$", name)} == set()
 
 
-def test_version_is_the_same_in_all_files():
+def test_version_is_the_same_in_all_files_and_pins_cover_all_requirements():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     assert palpate.__version__ == project["version"]
     assert f"\nversion: {palpate.__version__}\n" in (ROOT / "CITATION.cff").read_text()
+    lines = (ROOT / "constraints.txt").read_text().splitlines()
+    pinned = {re.split("==", line)[0].replace("_", "-").lower() for line in lines}
+    extras = project["optional-dependencies"]
+    wanted = [*project["dependencies"], *extras["dev"], *extras["docs"], *extras["sweep"]]
+    assert all(re.fullmatch(r"[a-z0-9.-]+==[a-z0-9.]+( ; .+)?", line) for line in lines)
+    assert {re.split(r"[>=;\[ ]", name)[0].replace("_", "-").lower() for name in wanted} <= pinned
 
 
 def test_folders_are_linked_into_the_package():
@@ -123,16 +129,6 @@ def test_palpate_is_not_hidden_by_a_folder_and_imports_nothing_heavy(tmp_path):
     assert (done.stdout, done.stderr) == ("set() explore\n", "")
 
 
-def test_pins_have_no_address_and_cover_all_requirements():
-    lines = (ROOT / "constraints.txt").read_text().splitlines()
-    pinned = {re.split("==", line)[0].replace("_", "-").lower() for line in lines}
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    extras = project["optional-dependencies"]
-    wanted = [*project["dependencies"], *extras["dev"], *extras["docs"], *extras["sweep"]]
-    assert all(re.fullmatch(r"[a-z0-9.-]+==[a-z0-9.]+( ; .+)?", line) for line in lines)
-    assert {re.split(r"[>=;\[ ]", name)[0].replace("_", "-").lower() for name in wanted} <= pinned
-
-
 @pytest.fixture
 def clone(tmp_path):
     """A folder with the start script and the files that it reads."""
@@ -141,28 +137,18 @@ def clone(tmp_path):
     return tmp_path
 
 
-def set_up(clone: Path, palpate_script: str) -> None:
-    """Create an environment that the start script takes for complete."""
-    folder = clone / ".venv" / "bin"
+def test_start_script_explores_the_vase_by_default_and_ignores_another_launch(clone):
+    folder = clone / ".venv" / "bin"  # of an environment that it takes for complete
     folder.mkdir(parents=True)
     (folder / "python").symlink_to(sys.executable)
-    script = folder / "palpate"
-    script.write_text(f"#!/bin/sh\n{palpate_script}\n")
-    script.chmod(0o755)
     stamp = run("sh", "-c", f"cd {clone}; cat pyproject.toml constraints.txt | cksum").stdout
     (clone / ".venv" / ".stamp").write_text(stamp)
-
-
-def test_start_script_explores_the_vase_by_default(clone):
-    set_up(clone, 'echo "$@"')
+    write_program(folder, "palpate", 'echo "$@"')
     assert run(clone / "go").stdout == "run vase\n"
     assert run(clone / "go", "scene", "list").stdout == "scene list\n"
-
-
-def test_start_script_ignores_another_package_called_launch(clone):
     (clone / "ros" / "launch").mkdir(parents=True)
     (clone / "ros" / "launch" / "__init__.py").write_text("raise SystemExit('the wrong launch')")
-    set_up(clone, f"exec {sys.executable} -P -c 'import launch'")
+    write_program(folder, "palpate", f"exec {sys.executable} -P -c 'import launch'")
     done = run(clone / "go", "--version", PYTHONPATH=str(clone / "ros"))
     assert "the wrong launch" not in done.stderr
     assert "No module named 'launch'" in done.stderr

@@ -13,21 +13,16 @@ from palpate.tools.cli.command_line import palpate_group
 DOCS = Path(__file__).parent.parent / "docs"
 
 
-@pytest.mark.parametrize(
-    ("page", "least"),
-    [
-        ("shapes.md", 25),
-        ("rebuild.md", 7),
-        ("rebuild_command.md", 12),
-        ("lattice.md", 15),
-        ("cost.md", 3),
-    ],
-)
-def test_the_examples_of_the_page_are_right(page: str, least: int) -> None:
-    outcome = doctest.testfile(str(DOCS / page), module_relative=False)
+# Least number of examples of a page.
+EXAMPLES = {"shapes": 25, "rebuild": 7, "rebuild_command": 12, "lattice": 15, "cost": 3}
+
+
+@pytest.mark.parametrize("page", EXAMPLES)
+def test_the_examples_of_the_page_are_right(page: str) -> None:
+    outcome = doctest.testfile(str(DOCS / f"{page}.md"), module_relative=False)
 
     assert outcome.failed == 0
-    assert outcome.attempted >= least
+    assert outcome.attempted >= EXAMPLES[page]
 
 
 ROOT = DOCS.parent

@@ -334,7 +334,7 @@ def test_diff_names_the_first_difference(differ, a, b, how, line):
     assert differ(a, b, **how)[0].startswith(line)
 
 
-def test_diff_counts_by_topic_and_compares_only_named_ones(differ):
+def test_diff_counts_by_topic_named_ones_only_and_to_the_end_of_an_unclosed_one(differ, tmp_path):
     assert differ(A, OTHER)[1:] == [
         "topic  compared  differ  only in A  only in B",
         "/in           2       1          0          0",
@@ -347,9 +347,6 @@ def test_diff_counts_by_topic_and_compares_only_named_ones(differ):
         differ(A, A, "/inn")
     with pytest.raises(ValueError, match=r"b\.mcap is out of order: /in 0 after 1"):
         differ(A, [*A, A[1]])
-
-
-def test_diff_of_unclosed_recording_compares_to_its_end(differ, tmp_path):
     late = {"closed": False, "sent": [10**9, 10**10]}
     lines = differ(A, A[:2], second=late)
     assert lines[0] == f"{tmp_path / 'b.mcap'} was never closed: compared up to its end"

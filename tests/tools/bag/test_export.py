@@ -191,7 +191,7 @@ def check_arrays(arrays, stem: str, name: str, values: list[Any]) -> None:
             assert plain(array) == [plain(value) for value in values]
 
 
-def test_npz_holds_every_field_of_every_message(recorded, messages, tmp_path):
+def test_npz_holds_every_field_of_every_message(recorded, messages, record, tmp_path):
     text = export_bag(recorded, "npz", tmp_path / "a.npz")
     with np.load(tmp_path / "a.npz", allow_pickle=False) as file:
         arrays = dict(file)
@@ -208,9 +208,8 @@ def test_npz_holds_every_field_of_every_message(recorded, messages, tmp_path):
     export_bag(recorded, "npz", tmp_path / "b.npz")
     assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "b.npz").read_bytes()
 
-
-def test_times_count_from_first_message_of_recording(record, tmp_path):
-    path = record([("/a", WORLD), ("/b", WORLD)])
+    # Times count from the first message of the recording, exported or not.
+    path = record([("/a", WORLD), ("/b", WORLD)], name="two.mcap")
     export_bag(path, "npz", tmp_path / "out.npz", ["/b"])
     with np.load(tmp_path / "out.npz") as arrays:
         assert arrays["b.sent_s"] == pytest.approx([0.007])

@@ -41,9 +41,8 @@ def test_topics_are_listed_with_types_publishers_and_subscribers(graph, call, re
     assert listed["/log"]["publishers"] == ["talker", "hearer", "cleaner", "player"]
     assert call("topic type t").out == "TactileFrame\n"
     assert call("topic find TactileFrame").out == "/t\n"
-    assert "no topic carries TactileFrme; did you mean 'TactileFrame'" in refusal(
-        "topic find TactileFrme"
-    )
+    message = refusal("topic find TactileFrme")
+    assert "no topic carries TactileFrme; did you mean 'TactileFrame'" in message
     assert "no node publishes /logg; did you mean '/log'?" in refusal("topic type /logg")
 
 

@@ -45,24 +45,18 @@ def table(folder):
         return list(csv.DictReader(file))
 
 
-def asked(write, text):
-    return [dict(run.asked) for run in read_sweep(write("sweep.yaml", text)).runs]
-
-
-def test_grid_is_every_combination_with_seeds_innermost(write):
+def test_grid_and_list_give_every_combination_with_seeds_innermost(write):
     grid = "planner.tolerance: [1.0e-3, 0.5e-3], scene.sensor.pitch: [1.0e-3, 1.2e-3]"
-    found = asked(write, f"scene: sphere\nseeds: 2\ngrid: {{{grid}}}\n")
+    runs = read_sweep(write("sweep.yaml", f"scene: sphere\nseeds: 2\ngrid: {{{grid}}}\n")).runs
     keys = ("scene", "planner.tolerance", "scene.sensor.pitch", "seed")
-    assert [tuple(one.items()) for one in found] == [
+    assert [tuple(run.asked.items()) for run in runs] == [
         tuple(zip(keys, ("sphere", tolerance, pitch, seed), strict=True))
         for tolerance in (1e-3, 0.5e-3) for pitch in (1e-3, 1.2e-3) for seed in (0, 1)
     ]  # fmt: skip
-
-
-def test_list_entries_are_combined_with_the_rest_of_the_grid(write):
+    # Entries of a list are combined with the rest of the grid.
     text = "scene: [sphere, egg]\ngrid: {planner.planner: [predicted, fuzzy], fingers: [1, 2]}\n"
     text += "list:\n  - {}\n  - {planner.planner: uniform, planner.settings.count: 4}\n"
-    found = asked(write, text)
+    found = [run.asked for run in read_sweep(write("sweep.yaml", text)).runs]
     assert [one["scene"] for one in found] == ["sphere"] * 6 + ["egg"] * 6
     kinds = [(one["planner.planner"], one["fingers"]) for one in found[:6]]
     planners = ("predicted", "fuzzy", "uniform")

@@ -109,7 +109,7 @@ def test_layers_show_what_was_known_and_are_chosen_by_name(view, seen):
     kinds = [name.split("/")[1] for name in seen.names()]
     assert {*kinds} == {"contours", "patch", "finger", "touched", "solid", "untouched"}
     assert kinds.count("contours") == len(view.line.contours)
-    parts = view.line.drawn(view.line.at(view.line.end))
+    parts = [*view.line.drawn(view.line.at(view.line.end))]
     drawn = {f"/{part.path}/{part.time}": part.shape for part in parts}
     for name in (name for name in seen.names() if name.startswith("/contours/")):
         pieces, colour = seen.sources[name][:2]
