@@ -113,10 +113,10 @@ def test_controls_change_the_shown_recording(view, open_page):
 @pytest.mark.slow
 def test_colours_of_the_solid_are_those_of_the_scale(view, open_page):
     watched = opened(open_page, view)
-    watched.page.get_by_label("touched").click()
-    watched.page.get_by_label("colour").click()
+    watched.page.get_by_role("checkbox", name="touched", exact=True).click()
+    watched.page.locator("input[value=plain]").first.click()
     watched.page.get_by_role("option", name="uncertainty").click()
-    pixels = np.unique(still(watched.page).reshape(-1, 3), axis=0)
+    pixels = np.unique(still(watched.page, looks=2).reshape(-1, 3), axis=0)
     scale = shades(np.linspace(0.0, 1.0, 200), 1.0).astype(float)
     light = np.clip(pixels @ scale.T / (scale**2).sum(axis=1), 0.4, 1.0)
     apart = np.abs(pixels[:, None] - light[..., None] * scale).max(axis=2).min(axis=1)
