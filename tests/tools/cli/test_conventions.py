@@ -144,7 +144,7 @@ def complete(monkeypatch, capsys):
     return ask
 
 
-def test_commands_and_options_are_completed_in_every_shell(complete, call):
+def test_commands_and_options_are_completed_in_every_shell(complete):
     assert complete("palpate sc") == ["scene", "score"]
     assert complete("palpate bag ex") == ["export"]
     assert "--tolerance" in complete("palpate run --")
@@ -152,6 +152,9 @@ def test_commands_and_options_are_completed_in_every_shell(complete, call):
     kind, value, help_text = complete("palpate rebu", "zsh")
     assert (kind, value) == ("plain", "rebuild") and help_text.startswith("Rebuild a solid")
     assert complete("palpate rebu", "fish") == [f"rebuild\t{help_text}"]
+
+
+def test_script_of_a_shell_is_printed(call):
     for shell in ("bash", "zsh", "fish"):
         code, out, err = call("--completion", shell)
         assert (code, err) == (0, "") and f"_PALPATE_COMPLETE={shell}_complete" in out
