@@ -33,6 +33,7 @@ import pytest  # noqa: E402
 from palpate.core.poses import IDENTITY_POSE  # noqa: E402
 from palpate.messages.types.model import Score, ShapeModel  # noqa: E402
 from palpate.messages.types.motion import Contour  # noqa: E402
+from palpate.nodes.runtime.testing import example  # noqa: E402
 
 Write = Callable[[str, str], Path]
 ALL = "--all"
@@ -124,70 +125,29 @@ def write(tmp_path: Path) -> Write:
 @pytest.fixture
 def tetrahedron() -> ShapeModel:
     """The smallest closed solid."""
-    return ShapeModel(
-        number=1,
-        contours=(0, 1),
-        probes=(),
-        dropped=(2,),
-        dropped_reasons=("too short",),
-        control=np.zeros((4, 4, 4, 3)),
-        undeformed=np.zeros((4, 4, 4, 3)),
-        knots_columns=np.zeros(8),
-        knots_rows=np.zeros(8),
-        knots_layers=np.zeros(8),
-        vertices=np.array([[0, 0, 0], [0.01, 0, 0], [0, 0.02, 0], [0, 0, 0.03]]),
-        faces=np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]], np.int32),
-        frame=IDENTITY_POSE,
-        deviation=0.0,
-        uncertainty_height=np.array([0.0]),
-        uncertainty=np.array([0.001]),
-        health={"condition": 3.5, "fallbacks": 0.0},
-        touches=40,
-        robot_time=20.0,
-        final=True,
-    )
+    fields: dict[str, Any] = {"contours": (0, 1), "dropped": (2,), "frame": IDENTITY_POSE}
+    fields |= dict.fromkeys(("control", "undeformed"), np.zeros((4, 4, 4, 3)))
+    fields |= dict.fromkeys(("knots_columns", "knots_rows", "knots_layers"), np.zeros(8))
+    fields["vertices"] = np.array([[0, 0, 0], [0.01, 0, 0], [0, 0.02, 0], [0, 0, 0.03]])
+    fields["faces"] = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]], np.int32)
+    fields |= {"uncertainty_height": np.array([0.0]), "uncertainty": np.array([0.001])}
+    fields |= {"health": {"condition": 3.5, "fallbacks": 0.0}, "dropped_reasons": ("too short",)}
+    fields |= {"number": 1, "deviation": 0.0, "touches": 40, "robot_time": 20.0, "final": True}
+    return example(ShapeModel, **fields)
 
 
 @pytest.fixture
 def contour() -> Contour:
     """A contour of one point."""
-    return Contour(
-        id=0,
-        finger=1,
-        frame=np.array([0.0, 0, 0, 0, 0, 0, 1]),
-        height=0.01,
-        points=np.zeros((1, 3)),
-        normals=np.array([[1.0, 0, 0]]),
-        curvature=np.zeros(1),
-        status="closed",
-        gap_starts=np.zeros((0, 3)),
-        gap_ends=np.zeros((0, 3)),
-        gap_reasons=(),
-        contact_low=np.zeros(0),
-        contact_high=np.zeros(0),
-        touches=30,
-        robot_time=15.0,
-    )
+    fields: dict[str, Any] = {"points": np.zeros((1, 3)), "normals": np.array([[1.0, 0, 0]])}
+    fields |= {"frame": IDENTITY_POSE, "curvature": np.zeros(1), "status": "closed"}
+    return example(Contour, finger=1, height=0.01, touches=30, robot_time=15.0, **fields)
 
 
 @pytest.fixture
 def score() -> Score:
     """A score of the tetrahedron."""
-    return Score(
-        number=1,
-        contours=2,
-        touches=40,
-        robot_time=20.0,
-        chamfer=0.0003,
-        rms=0.0004,
-        p95=0.0008,
-        hausdorff=0.002,
-        normal=3.0,
-        volume_error=-0.01,
-        sampling_floor=0.00005,
-        size=0.03,
-        watertight=True,
-        genus=0,
-        exposed_rms=0.0003,
-        final=True,
-    )
+    errors = {"chamfer": 0.0003, "rms": 0.0004, "p95": 0.0008, "hausdorff": 0.002, "normal": 3.0}
+    fields: dict[str, Any] = {"number": 1, "contours": 2, "touches": 40, "robot_time": 20.0}
+    fields |= {"volume_error": -0.01, "sampling_floor": 0.00005, "size": 0.03, "watertight": True}
+    return example(Score, exposed_rms=0.0003, final=True, **errors, **fields)

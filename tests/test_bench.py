@@ -66,19 +66,14 @@ def measure(tmp_path, monkeypatch, *options: str) -> tuple[int, dict]:
     return code, json.loads(out.read_text())
 
 
-def test_missed_demand_is_error_only_if_strict(tmp_path, monkeypatch, capsys):
+def test_missed_demand_is_error_only_if_strict_but_a_fault_always(tmp_path, monkeypatch, capsys):
     code, results = measure(tmp_path, monkeypatch)
-    assert code == 0
-    assert "MISSED" in capsys.readouterr().out
+    assert code == 0 and "MISSED" in capsys.readouterr().out
     assert [line["holds"] for line in results["lines"]] == [True, False, True]
     assert run_groups({"a": rows}, quick=True, strict=True) == 1
-
-
-def test_groups_after_a_failed_one_are_measured(capsys):
-    assert run_groups({"a": failing, "b": rows}, quick=True) == 1
+    assert run_groups({"a": failing, "b": rows}, quick=True) == 1  # the others are measured
     printed = capsys.readouterr().out
-    assert "the peer is missing" in printed
-    assert "time of a hop" in printed
+    assert "the peer is missing" in printed and "time of a hop" in printed
 
 
 @pytest.mark.parametrize(("new", "has_changed"), [

@@ -42,11 +42,10 @@ def run(*command: str | Path, **env: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(arguments, check=False, env={**os.environ, **env}, **options)
 
 
-@pytest.fixture(scope="module")
-def installed(tmp_path_factory):
+@pytest.fixture
+def installed(tmp_path):
     """Folder with palpate installed from its wheel."""
-    work = tmp_path_factory.mktemp("wheel")
-    source, target = work / "source", work / "target"
+    work, source, target = tmp_path, tmp_path / "source", tmp_path / "target"
     skipped = shutil.ignore_patterns(".*", "build", "runs", "*.egg-info", "__pycache__")
     shutil.copytree(ROOT, source, symlinks=True, ignore=skipped)
     pip = (sys.executable, "-m", "pip", "--quiet", "--disable-pip-version-check")
@@ -60,33 +59,31 @@ def installed(tmp_path_factory):
 
 
 @pytest.mark.slow
-def test_all_modules_of_the_wheel_are_importable(installed):
+def test_wheel_installs_palpate_alone_with_modules_scenes_and_type_marker(installed):
     done = run(sys.executable, "-P", "-c", IMPORT_ALL, installed, PYTHONPATH=str(installed))
     assert done.returncode == 0, done.stderr
     layers = ("core", "messages", "nodes", "launch", "tools", "bench")
     own = [path for layer in layers for path in (ROOT / layer).rglob("*.py")]
     public = [path for path in (ROOT / "palpate").glob("*.py") if path.name != "__main__.py"]
     assert int(done.stdout) == len([*public, *(p for p in own if "scenes" not in p.parts)])
-
-
-@pytest.mark.slow
-def test_wheel_has_scenes_launch_file_and_type_marker(installed):
     names = {path.name for path in (ROOT / "scenes").iterdir() if path.suffix in (".yaml", ".ply")}
     assert len(names) >= 7
     files = ("launch/explore.yaml", "py.typed", *(f"launch/scenes/{name}" for name in names))
     assert all((installed / "palpate" / file).is_file() for file in files)
-
-
-@pytest.mark.slow
-def test_wheel_installs_only_palpate(installed):
     tops = {path.name for path in installed.iterdir()}
     assert {name for name in tops if not re.match(r"palpate|bin$", name)} == set()
 
 
-def test_version_is_the_same_in_all_files():
+def test_version_is_the_same_in_all_files_and_pins_cover_all_requirements():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     assert palpate.__version__ == project["version"]
     assert f"\nversion: {palpate.__version__}\n" in (ROOT / "CITATION.cff").read_text()
+    lines = (ROOT / "constraints.txt").read_text().splitlines()
+    pinned = {re.split("==", line)[0].replace("_", "-").lower() for line in lines}
+    extras = project["optional-dependencies"]
+    wanted = [*project["dependencies"], *extras["dev"], *extras["docs"], *extras["sweep"]]
+    assert all(re.fullmatch(r"[a-z0-9.-]+==[a-z0-9.]+( ; .+)?", line) for line in lines)
+    assert {re.split(r"[>=;\[ ]", name)[0].replace("_", "-").lower() for name in wanted} <= pinned
 
 
 def test_folders_are_linked_into_the_package():
@@ -106,6 +103,10 @@ def test_top_module_exports_only_its_names():
     }
     with pytest.raises(AttributeError, match="exlpore"):
         palpate.exlpore  # noqa: B018
+    names: dict[str, object] = {}
+    exec("from palpate import *", names)
+    assert set(palpate.__all__) == names.keys() - {"__builtins__"}
+    assert set(palpate.__all__) <= set(dir(palpate))
 
 
 @pytest.mark.parametrize("room", ROOMS)
@@ -118,33 +119,14 @@ def test_public_room_exports_no_modules(room):
     assert not [name for name in exported if isinstance(getattr(module, name), types.ModuleType)]
 
 
-def test_import_star_and_dir_have_all_names():
-    names: dict[str, object] = {}
-    exec("from palpate import *", names)
-    assert set(palpate.__all__) == names.keys() - {"__builtins__"}
-    assert set(palpate.__all__) <= set(dir(palpate))
-
-
-def test_folder_called_palpate_does_not_hide_the_package(tmp_path):
+def test_palpate_is_not_hidden_by_a_folder_and_imports_nothing_heavy(tmp_path):
     (tmp_path / "palpate").symlink_to(ROOT)
-    code = "import os; os.chdir(os.sys.argv[1]); import palpate; print(palpate.explore.__name__)"
+    code = (
+        "import os, sys; os.chdir(sys.argv[1]); import palpate; heavy = 'numpy', 'scipy', 'click'"
+    )
+    code += "; print({*heavy} & {*sys.modules}, palpate.explore.__name__)"
     done = run(sys.executable, "-c", code, tmp_path)
-    assert (done.stdout, done.stderr) == ("explore\n", "")
-
-
-def test_importing_palpate_imports_nothing_heavy():
-    code = "import palpate, sys; print(sorted({'numpy', 'scipy', 'click'} & set(sys.modules)))"
-    assert run(sys.executable, "-c", code).stdout == "[]\n"
-
-
-def test_pins_have_no_address_and_cover_all_requirements():
-    lines = (ROOT / "constraints.txt").read_text().splitlines()
-    pinned = {re.split("==", line)[0].replace("_", "-").lower() for line in lines}
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    extras = project["optional-dependencies"]
-    wanted = [*project["dependencies"], *extras["dev"], *extras["docs"], *extras["sweep"]]
-    assert all(re.fullmatch(r"[a-z0-9.-]+==[a-z0-9.]+( ; .+)?", line) for line in lines)
-    assert {re.split(r"[>=;\[ ]", name)[0].replace("_", "-").lower() for name in wanted} <= pinned
+    assert (done.stdout, done.stderr) == ("set() explore\n", "")
 
 
 @pytest.fixture
@@ -155,31 +137,24 @@ def clone(tmp_path):
     return tmp_path
 
 
-def set_up(clone: Path, palpate_script: str) -> None:
-    """Create an environment that the start script takes for complete."""
-    folder = clone / ".venv" / "bin"
+def test_start_script_explores_the_vase_by_default_and_ignores_another_launch(clone):
+    folder = clone / ".venv" / "bin"  # of an environment that it takes for complete
     folder.mkdir(parents=True)
     (folder / "python").symlink_to(sys.executable)
-    script = folder / "palpate"
-    script.write_text(f"#!/bin/sh\n{palpate_script}\n")
-    script.chmod(0o755)
     stamp = run("sh", "-c", f"cd {clone}; cat pyproject.toml constraints.txt | cksum").stdout
     (clone / ".venv" / ".stamp").write_text(stamp)
-
-
-def test_start_script_explores_the_vase_by_default(clone):
-    set_up(clone, 'echo "$@"')
+    write_program(folder, "palpate", 'echo "$@"')
     assert run(clone / "go").stdout == "run vase\n"
     assert run(clone / "go", "scene", "list").stdout == "scene list\n"
-
-
-def test_start_script_ignores_another_package_called_launch(clone):
     (clone / "ros" / "launch").mkdir(parents=True)
     (clone / "ros" / "launch" / "__init__.py").write_text("raise SystemExit('the wrong launch')")
-    set_up(clone, f"exec {sys.executable} -P -c 'import launch'")
+    write_program(folder, "palpate", f"exec {sys.executable} -P -c 'import launch'")
     done = run(clone / "go", "--version", PYTHONPATH=str(clone / "ros"))
     assert "the wrong launch" not in done.stderr
     assert "No module named 'launch'" in done.stderr
+
+
+NO_VENV = f'[ "$1 $2" = "-m venv" ] && exit 1\nexec {sys.executable} "$@"'
 
 
 def write_program(folder: Path, name: str, script: str) -> None:
@@ -188,37 +163,25 @@ def write_program(folder: Path, name: str, script: str) -> None:
     (folder / name).chmod(0o755)
 
 
-def path_without_python(clone: Path) -> Path:
+@pytest.fixture
+def programs(clone):
     """A folder with the programs that the start script needs, without Python."""
     folder = clone / "programs"
     folder.mkdir()
-    link_programs(folder, "sh", "cat", "cksum", "env", "grep", "rm", "dirname")
+    for name in ("sh", "cat", "cksum", "env", "grep", "rm", "dirname", "mkdir", "chmod", "ln"):
+        (folder / name).symlink_to(str(shutil.which(name)))
     return folder
 
 
-def link_programs(folder: Path, *names: str) -> None:
-    for name in names:
-        program = shutil.which(name)
-        assert program is not None
-        (folder / name).symlink_to(program)
-
-
-def test_missing_new_enough_python_is_reported(clone):
-    programs = path_without_python(clone)
+def test_missing_python_or_venv_is_reported(clone, programs):
     write_program(programs, "python3", "exit 1")
     done = run(clone / "go", PATH=str(programs))
-    assert done.returncode == 2
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
     assert done.stderr.startswith("palpate: needs Python 3.11 or newer")
-    assert done.stderr.count("\n") == 1
-
-
-def test_broken_python_is_skipped_and_missing_venv_reported(clone):
-    programs = path_without_python(clone)
     # As a version manager without a version for this name.
     write_program(programs, "python3", "echo 'no version is set' >&2; exit 127")
     # Runs all modules but venv, as Debian's Python without python3-venv.
-    no_venv = f'[ "$1 $2" = "-m venv" ] && exit 1\nexec {sys.executable} "$@"'
-    write_program(programs, "python3.12", no_venv)
+    write_program(programs, "python3.12", NO_VENV)
     write_program(programs, "python3.11", "exit 1")
     done = run(clone / "go", PATH=str(programs))
     assert done.returncode == 2
@@ -239,15 +202,10 @@ ln -s {python} "$place/bin/python\""""
 @pytest.mark.parametrize(
     ("setting", "is_called"), [({}, True), ({"PIP_INDEX_URL": "http://127.0.0.1:9/"}, False)]
 )
-def test_uv_is_used_unless_pip_has_its_own_index(clone, setting, is_called, monkeypatch):
-    programs = path_without_python(clone)
-    link_programs(programs, "mkdir", "chmod", "ln")
+def test_uv_is_used_unless_pip_has_its_own_index(clone, programs, setting, is_called, monkeypatch):
     write_program(programs, "uv", UV.format(python=sys.executable, clone=clone))
     # Without uv the script would use venv, which fails here so that nothing is installed.
-    write_program(
-        programs, "python3", f'[ "$1 $2" = "-m venv" ] && exit 1\nexec {sys.executable} "$@"'
-    )
-
+    write_program(programs, "python3", NO_VENV)
     for name in [name for name in os.environ if name.startswith("PIP_")]:
         monkeypatch.delenv(name)
     options = {"PIP_CONFIG_FILE": os.devnull, **setting, "PATH": str(programs)}

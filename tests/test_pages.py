@@ -13,37 +13,25 @@ from palpate.tools.cli.command_line import palpate_group
 DOCS = Path(__file__).parent.parent / "docs"
 
 
+# Least number of examples of a page.
+EXAMPLES = {"shapes": 25, "rebuild": 7, "rebuild_command": 12, "lattice": 15, "cost": 3}
+EXAMPLES |= {"planning": 10, "general": 10}
+SLOW = {"general"}
+
+
 @pytest.mark.parametrize(
-    ("page", "least"),
-    [
-        ("shapes.md", 25),
-        ("rebuild.md", 7),
-        ("rebuild_command.md", 12),
-        ("lattice.md", 15),
-        ("cost.md", 3),
-        pytest.param("general.md", 10, marks=pytest.mark.slow),
-        ("planning.md", 10),
-    ],
+    "page", [pytest.param(page, marks=[pytest.mark.slow] * (page in SLOW)) for page in EXAMPLES]
 )
-def test_the_examples_of_the_page_are_right(page: str, least: int) -> None:
-    outcome = doctest.testfile(str(DOCS / page), module_relative=False)
+def test_the_examples_of_the_page_are_right(page: str) -> None:
+    outcome = doctest.testfile(str(DOCS / f"{page}.md"), module_relative=False)
 
     assert outcome.failed == 0
-    assert outcome.attempted >= least
+    assert outcome.attempted >= EXAMPLES[page]
 
 
 ROOT = DOCS.parent
 PAGES = [*DOCS.glob("*.md"), ROOT / "README.md", ROOT / "CONTRIBUTING.md"]
 FILES = tuple(f"/{path.relative_to(ROOT)}" for path in ROOT.glob("[!.]*/**/*.*"))
-
-
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
-def test_the_files_that_a_page_names_exist(page: Path) -> None:
-    assert missing(page.read_text()) == []
-
-
-def test_a_file_that_does_not_exist_is_noticed() -> None:
-    assert missing("see `core/poses.py` and `loft/nothing.py`") == ["loft/nothing.py"]
 
 
 def missing(text: str) -> list[str]:
@@ -57,11 +45,8 @@ MOST_WORDS = 24_800
 REFERENCE = ("messages.md", "errata.md", "gallery.md")
 
 
-def test_the_readme_is_read_in_a_minute():
-    assert len((ROOT / "README.md").read_text().splitlines()) <= 90
-
-
 def test_the_pages_are_short():
+    assert len((ROOT / "README.md").read_text().splitlines()) <= 90
     pages = [
         ROOT / "README.md",
         *(page for page in DOCS.glob("*.md") if page.name not in REFERENCE),
@@ -70,7 +55,9 @@ def test_the_pages_are_short():
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
-def test_what_a_page_links_to_is_there(page: Path) -> None:
+def test_what_a_page_names_or_links_to_is_there(page: Path) -> None:
+    assert missing(page.read_text()) == []
+    assert missing("see `core/poses.py` and `loft/nothing.py`") == ["loft/nothing.py"]
     broken = []
     for link in re.findall(r"\]\(([^)\s]+)\)", page.read_text()):
         name, _, anchor = link.partition("#")

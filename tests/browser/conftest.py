@@ -34,12 +34,8 @@ class Watched:
 
     def outside(self) -> list[str]:
         """Addresses that are not of this machine."""
-        return [address for address in self.requests if not _is_local(address)]
-
-
-def _is_local(address: str) -> bool:
-    parts = urlsplit(address)
-    return parts.scheme in LOCAL_SCHEMES or parts.hostname in HERE
+        addresses = [one for one in self.requests if urlsplit(one).scheme not in LOCAL_SCHEMES]
+        return [one for one in addresses if urlsplit(one).hostname not in HERE]
 
 
 @pytest.fixture(scope="session")

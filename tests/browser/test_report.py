@@ -61,11 +61,14 @@ def seek(page, share: float) -> None:
     settled(page)
 
 
-def test_page_opens_without_errors_or_requests(opened):
-    assert opened.errors == []
-    assert opened.outside() == []
+def test_page_opens_without_errors_or_requests_and_prints_with_its_picture(opened):
+    assert (opened.errors, opened.outside()) == ([], [])
     assert colours_in(canvas(opened.page)) > 20
     assert opened.page.locator(".still").is_hidden()
+    opened.page.emulate_media(media="print")
+    settled(opened.page)
+    assert control(opened.page, "play").is_hidden()
+    assert len(opened.page.pdf()) > 50_000
 
 
 def seen_solid(page) -> np.ndarray:
@@ -88,10 +91,7 @@ def test_first_picture_shows_the_shape_in_light(opened):
     assert lit.mean() > 0.9  # but where edges are smoothed
     assert np.ptp(np.quantile(brightness[lit], [0.05, 0.95])) > 0.15
     assert brightness[lit].min() > 0.4
-
-
-def test_colours_of_the_solid_are_those_of_the_scale(opened):
-    page = opened.page
+    # Coloured by deviation it has the colours of the scale.
     control(page, "colour").select_option("deviation")
     solid = seen_solid(page)[::7]
     scale = shades(np.linspace(0.0, 1.0, 64), 1.0).astype(float)
@@ -101,8 +101,8 @@ def test_colours_of_the_solid_are_those_of_the_scale(opened):
     assert np.quantile(off, 0.9) <= 4  # but where edges are smoothed
 
 
-def test_toggles_show_and_hide(opened):
-    page = opened.page
+def test_toggles_show_and_hide_and_colouring_has_its_scale(opened):
+    page, pictures = opened.page, {}
     for name in ("truth", "touched", "solid", "contours", "finger", "lattice", "free", "unknown"):
         before = canvas(page)
         control(page, name).click()
@@ -112,51 +112,39 @@ def test_toggles_show_and_hide(opened):
         control(page, name).click()
         settled(page)
         assert is_same(before, canvas(page))
-
-
-def test_slider_goes_through_the_run(opened):
-    page = opened.page
-    end = canvas(page)
-    readout = control(page, "readout").inner_text()
-    assert readout == "end of the run"
-    seek(page, 0.999)
-    late = control(page, "readout").inner_text()
-    assert re.match(r"[\d.]+ s, \d+ touches, \d+ contours?: model \d+, rms error", late)
-    seek(page, 0.0)
-    assert control(page, "readout").inner_text() == "0.0 s, 0 touches, 0 contours: no model yet"
-    assert colours_in(canvas(page)) == 1
-    seek(page, 0.6)
-    between = re.search(r"(\d+) touch", control(page, "readout").inner_text())
-    assert between
-    assert 0 < int(between[1]) < 40
-    seek(page, 1.0)
-    assert is_same(end, canvas(page))
-    assert control(page, "readout").inner_text() == readout
-
-
-def test_playing_goes_on_to_the_end(opened):
-    page = opened.page
-    seek(page, 0.97)
-    control(page, "play").click()
-    page.wait_for_function("document.querySelector('[data-control=time]').value === '1'")
-    assert control(page, "readout").inner_text() == "end of the run"
-
-
-def test_colouring_can_be_chosen_with_its_scale(opened):
-    page, pictures = opened.page, {}
     for name in ("plain", "deviation", "uncertainty"):
         control(page, "colour").select_option(name)
         settled(page)
         pictures[name] = canvas(page)
-        shown = page.locator("#view0 .scale [data-colouring]:visible")
-        assert [shown.nth(i).get_attribute("data-colouring") for i in range(shown.count())] == (
-            [] if name == "plain" else [name]
-        )
+        shown = page.locator("#view0 .scale [data-colouring]:visible").all()
+        scales = [one.get_attribute("data-colouring") for one in shown]
+        assert scales == ([] if name == "plain" else [name])
     assert is_changed(pictures["deviation"], pictures["uncertainty"])
     assert is_changed(pictures["deviation"], pictures["plain"])
 
 
-def test_view_is_turned_and_brought_back(opened):
+def test_slider_goes_through_the_run_and_playing_to_its_end(opened):
+    page, end = opened.page, canvas(opened.page)
+    readout = control(page, "readout")
+    assert readout.inner_text() == "end of the run"
+    seek(page, 0.999)
+    late = r"[\d.]+ s, \d+ touches, \d+ contours?: model \d+, rms error"
+    assert re.match(late, readout.inner_text())
+    seek(page, 0.0)
+    assert readout.inner_text() == "0.0 s, 0 touches, 0 contours: no model yet"
+    assert colours_in(canvas(page)) == 1
+    seek(page, 0.6)
+    assert 0 < int(re.search(r"(\d+) touch", readout.inner_text())[1]) < 40
+    seek(page, 1.0)
+    assert is_same(end, canvas(page))
+    assert readout.inner_text() == "end of the run"
+    seek(page, 0.97)
+    control(page, "play").click()
+    page.wait_for_function("document.querySelector('[data-control=time]').value === '1'")
+    assert readout.inner_text() == "end of the run"
+
+
+def test_view_is_turned_brought_back_and_goes_to_a_diagnostic(opened):
     page = opened.page
     before, box = canvas(page), page.locator("#view0 canvas").bounding_box()
     page.mouse.move(box["x"] + 300, box["y"] + 200)
@@ -168,11 +156,6 @@ def test_view_is_turned_and_brought_back(opened):
     control(page, "home").click()
     settled(page)
     assert is_same(before, canvas(page))
-
-
-def test_click_on_a_diagnostic_goes_to_its_place(opened):
-    page = opened.page
-    before = canvas(page)
     page.locator("button.place").first.click()
     settled(page)
     after = canvas(page)
@@ -188,17 +171,12 @@ WIDER = """() => [...document.querySelectorAll("body *")].filter((one) =>
 
 
 @pytest.mark.parametrize("width", [390, 768, 1100])
-def test_nothing_is_wider_than_the_page(open_page, report, width):
-    page = open_page(report, width, 844).page
+def test_page_fits_screens_of_any_width_and_the_dark(open_page, report, width):
+    opened_page = open_page(report, width, 844, color_scheme="dark")
+    page = opened_page.page
     drawn(page)
     assert page.evaluate("document.documentElement.scrollWidth") <= width
     assert page.evaluate(WIDER) == []
-
-
-def test_page_fits_a_phone_in_the_dark(open_page, report):
-    opened_page = open_page(report, 390, 844, color_scheme="dark")
-    page = opened_page.page
-    drawn(page)
     box = page.locator("#view0 canvas").bounding_box()
     assert box["y"] + box["height"] <= 844
     ground = page.evaluate("getComputedStyle(document.body).backgroundColor")
@@ -207,22 +185,15 @@ def test_page_fits_a_phone_in_the_dark(open_page, report):
     assert opened_page.errors == []
 
 
-def test_still_replaces_the_view_without_webgl(open_page, report, monkeypatch):
-    opened_page = open_page("about:blank")
-    opened_page.page.add_init_script("HTMLCanvasElement.prototype.getContext = () => null")
-    opened_page.page.goto(report)
-    opened_page.page.wait_for_selector(".view3d.static")
-    assert opened_page.page.locator(".still").is_visible()
-    assert colours_in(picture_of(opened_page.page.locator(".still"))) > 20
-    assert "picture is a still" in opened_page.page.locator("#view0 .fallback").inner_text()
-    assert opened_page.page.locator("#view0 [data-control=play]").is_hidden()
-
-
-def test_page_prints_with_its_picture(opened):
-    opened.page.emulate_media(media="print")
-    settled(opened.page)
-    assert opened.page.locator("#view0 [data-control=play]").is_hidden()
-    assert len(opened.page.pdf()) > 50_000
+def test_still_replaces_the_view_without_webgl(open_page, report):
+    page = open_page("about:blank").page
+    page.add_init_script("HTMLCanvasElement.prototype.getContext = () => null")
+    page.goto(report)
+    page.wait_for_selector(".view3d.static")
+    assert page.locator(".still").is_visible()
+    assert colours_in(picture_of(page.locator(".still"))) > 20
+    assert "picture is a still" in page.locator("#view0 .fallback").inner_text()
+    assert control(page, "play").is_hidden()
 
 
 @pytest.mark.slow

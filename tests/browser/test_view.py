@@ -15,25 +15,9 @@ from .pictures import colours_in, is_changed, picture_of, share_changed
 
 
 @pytest.fixture
-def controls():
-    """The controls of the view, by label."""
-    return {}
-
-
-@pytest.fixture
-def view(run_folder, controls):
+def view(run_folder):
     """A view of a recording, which stands still at its end, with its time passing."""
-
-    def recording(make):
-        def make_and_record(label, *arguments, **options):
-            controls[label] = make(label, *arguments, **options)
-            return controls[label]
-
-        return make_and_record
-
     with serving(8480) as server:
-        for name in ("add_checkbox", "add_dropdown"):
-            setattr(server.gui, name, recording(getattr(server.gui, name)))
         shown = View(server, read_timeline(run_folder), recorded=True)
         shown.seek(shown.line.end)
         ended, tick = threading.Event(), 0.05
@@ -127,12 +111,12 @@ def test_controls_change_the_shown_recording(view, open_page):
 
 
 @pytest.mark.slow
-def test_colours_of_the_solid_are_those_of_the_scale(view, controls, open_page):
-    controls["touched"].value = False
-    controls["colour"].value = "uncertainty"
-    view.draw()
+def test_colours_of_the_solid_are_those_of_the_scale(view, open_page):
     watched = opened(open_page, view)
-    pixels = np.unique(scene_of(watched.page).reshape(-1, 3), axis=0)
+    watched.page.get_by_role("checkbox", name="touched", exact=True).click()
+    watched.page.locator("input[value=plain]").first.click()
+    watched.page.get_by_role("option", name="uncertainty").click()
+    pixels = np.unique(still(watched.page, looks=2).reshape(-1, 3), axis=0)
     scale = shades(np.linspace(0.0, 1.0, 200), 1.0).astype(float)
     light = np.clip(pixels @ scale.T / (scale**2).sum(axis=1), 0.4, 1.0)
     apart = np.abs(pixels[:, None] - light[..., None] * scale).max(axis=2).min(axis=1)

@@ -87,16 +87,13 @@ def test_time_of_each_robot_follows_from_its_moves(explored):
         assert sum(one["total_s"] for one in phases.values()) == pytest.approx(cost["total_s"])
 
 
-@pytest.mark.parametrize("robot", ["modern", "puma"])
-def test_moves_of_the_recorded_robot_add_up_to_its_time(explored, robot):
-    made = frames(robot=robot)
-    costs = robot_time(explored(*goals(), made[0], *made, robot=robot))  # one frame came twice
-    recorded = costs["recorded"]
-    assert (recorded["agrees"], recorded["robot"], costs["touches"]) == (True, robot, 4)
-    assert recorded["robot_time_s"] == made[-1].robot_time
-
-
-def test_missing_moves_and_unknown_robots_are_reported(explored):
+def test_moves_of_the_recorded_robot_add_up_to_its_time_unless_some_are_missing(explored):
+    for robot in ("modern", "puma"):
+        made = frames(robot=robot)
+        costs = robot_time(explored(*goals(), made[0], *made, robot=robot))  # one frame came twice
+        recorded = costs["recorded"]
+        assert (recorded["agrees"], recorded["robot"], costs["touches"]) == (True, robot, 4)
+        assert recorded["robot_time_s"] == made[-1].robot_time
     first, _, *rest = frames()
     costs = robot_time(explored(*goals(), first, *rest))
     lost = ends(ROWS)
@@ -136,20 +133,16 @@ def test_several_fingers_take_as_long_as_the_slowest(explored):
     assert "the table is of the slowest" in robot_time_text(costs)
 
 
-@pytest.mark.parametrize("awaited", [True, False])
-def test_wait_for_another_finger_moves_with_it(explored, awaited):
-    wait = float(ends(ROWS)[1]) if awaited else 3.21
+def test_wait_for_another_finger_moves_with_it_unless_it_came_before(explored):
     first, second = ROWS[0], ROWS[2]
-    waiting = frames([(wait, *first[1:]), second], (2, 2), finger=2)
-    costs = robot_time(explored(*goals(), *OTHER, *waiting, *frames()))
-    assert costs["recorded"]["agrees"]
-    for name, cost in costs["robots"].items():
-        begun = ends(ROWS, name)[1] if awaited else wait
-        assert cost["finger_s"]["2"] == pytest.approx(begun + ends([first, second], name)[-1])
-
-
-def test_nothing_is_awaited_that_came_before(explored):
-    """One finger turns and the other presses, at which another robot is slower."""
+    for wait, is_awaited in ((float(ends(ROWS)[1]), True), (3.21, False)):
+        waiting = frames([(wait, *first[1:]), second], (2, 2), finger=2)
+        costs = robot_time(explored(*goals(), *OTHER, *waiting, *frames()))
+        assert costs["recorded"]["agrees"]
+        for name, cost in costs["robots"].items():
+            begun = ends(ROWS, name)[1] if is_awaited else wait
+            assert cost["finger_s"]["2"] == pytest.approx(begun + ends([first, second], name)[-1])
+    # One finger turns and the other presses, at which another robot is slower.
     ready, other = ends([TURNING], "puma")[-1], ends([PRESSING] * 7, "puma")[-1]
     assert other > ready
     turned = frames([TURNING, (other - ready, *TURNING[1:])], (2, 2), "puma", finger=2)
@@ -181,45 +174,31 @@ def test_cost_command_prints_table_or_json(explored, call):
     folder = explored(goals()[0], *frames())  # of three moves no goal is recorded
     code, text, _ = call("cost --robot puma --robot puma", folder)
     assert code == 0 and "its moves add up to that" in text
-    assert [line.split() for line in text.splitlines() if "puma, s" in line] == [
-        ["puma,", "s", "probes", "other", "all"]
-    ]
+    [head] = [line for line in text.splitlines() if "puma, s" in line]
+    assert head.split() == ["puma,", "s", "probes", "other", "all"]
     costs = json.loads(call("cost --json", folder / "topics.mcap").out)
-    assert (
-        costs["recorded"]["agrees"] and costs["robots"]["modern"]["phases"]["other"]["moves"] == 3
-    )
+    assert costs["recorded"]["agrees"]
+    assert costs["robots"]["modern"]["phases"]["other"]["moves"] == 3
 
 
-@pytest.fixture
-def spent(tmp_path):
-    """The directory of a run that came to nothing."""
+def test_cost_is_drawn_to_a_file_or_standard_output(here, call, refusal):
     nothing = dict.fromkeys(("scene", "compute_s", "largest_untouched_m", "sampling_floor_m"))
     counts = dict.fromkeys(("contours", "touches", "robot_time_s"), 0)
     lists = {"curve": [], "missed": [], "steps": {}, "nodes": {}, "status": "finished"}
-    (tmp_path / "summary.json").write_text(json.dumps(nothing | counts | lists))
-    return tmp_path
-
-
-def test_cost_is_drawn_to_a_file_or_standard_output(spent, call):
-    drawn = call("cost", spent, "--plot").out
-    assert drawn.startswith("<svg")
-    assert call("cost", spent, "--plot", spent / "a.svg").code == 0
-    assert (spent / "a.svg").read_text() == drawn
-
-
-@pytest.mark.parametrize(
-    ("words", "why"),
-    [
+    summary = here / "summary.json"  # of a run that came to nothing
+    summary.write_text(json.dumps(nothing | counts | lists))
+    for words, why in (
         ("--plot a.png", "a.png: must end in .svg"),
         ("--plot no/a.svg", "there is no folder"),
         ("--plot a.svg --json", "leave out --robot and --json"),
         ("--plot a.svg --robot puma", "leave out --robot and --json"),
-    ],
-)
-def test_impossible_drawings_are_refused(spent, refusal, monkeypatch, words, why):
-    monkeypatch.chdir(spent)
-    assert why in refusal(f"cost . {words}")
-    assert [path.name for path in spent.iterdir()] == ["summary.json"]
-    (spent / "summary.json").write_text('{"curve": [{"touches": 3}]}')
+    ):
+        assert why in refusal(f"cost . {words}")
+        assert [*here.iterdir()] == [summary]
+    drawn = call("cost . --plot").out
+    assert drawn.startswith("<svg")
+    assert call("cost . --plot a.svg").code == 0
+    assert (here / "a.svg").read_text() == drawn
+    summary.write_text('{"curve": [{"touches": 3}]}')
     with pytest.raises(InputError, match="are not those of this version of palpate"):
-        plot_cost(spent, spent / "a.svg")
+        plot_cost(here, here / "b.svg")

@@ -9,7 +9,6 @@ import trimesh
 
 import palpate
 from palpate.launch.files.source_map import InputError
-from palpate.launch.launch_source import EXPLORE
 from palpate.launch.progress import Display
 from palpate.tools.exploration import explore
 
@@ -20,16 +19,20 @@ def parts(plan):
     return about["launch"].replace(str(plan.folder.path), ""), about["scene"], plan.demanded
 
 
-def test_explore_performs_plan_and_reports_missing_report(performed, capsys, tmp_path):
+def test_explore_performs_plan_with_progress_on_a_terminal(performed, capsys, tmp_path,
+                                                           monkeypatch):  # fmt: skip
     done = explore("vase", seed=3, settings={"planner.tolerance": 1e-4}, out="here", composed=True)
     ((plan, composed, display),) = performed
     assert composed is True and type(display) is Display and done.folder == tmp_path
     assert (plan.name, plan.folder.path) == ("vase", Path("here"))
     nodes = {one.name: one.params for one in plan.wirings}
     assert nodes["planner"].tolerance == 1e-4 and nodes["simulator"].seed == 3
-    assert EXPLORE.is_file()
     err = capsys.readouterr().err
     assert err.startswith("palpate: no report.html: ") and err.count("\n") == 1
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True, raising=False)
+    explore("vase", composed=True)
+    explore("vase", composed=True, progress=False)
+    assert [type(display) is Display for *_, display in performed] == [True, False, True]
 
 
 @pytest.mark.parametrize(
@@ -99,12 +102,3 @@ def test_meshes_and_maps_are_scenes(performed, here):
     ):
         with pytest.raises(InputError, match=words):
             explore(scene, composed=True, **options)
-
-
-def test_progress_is_shown_on_a_terminal_alone(performed, monkeypatch, here):
-    explore("vase", composed=True)
-    monkeypatch.setattr("sys.stderr.isatty", lambda: True, raising=False)
-    explore("vase", composed=True)
-    explore("vase", composed=True, progress=False)
-    shown = [type(display) is not Display for *_, display in performed]
-    assert shown == [False, True, False]

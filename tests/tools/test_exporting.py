@@ -24,9 +24,12 @@ UNKNOWN = {"uncertainty": np.zeros(0), "uncertainty_height": np.zeros(0)}
 @pytest.fixture
 def run_of(record):
     """The directory of a run with these messages."""
-    names = {"Truth": "/truth", "ShapeModel": "/model"}
-    return lambda *messages: record([(names[type(one).__name__], one) for one in messages],
-                                    name="run/topics.mcap").parent  # fmt: skip
+
+    def make(*messages):
+        named = [("/truth" if isinstance(one, Truth) else "/model", one) for one in messages]
+        return record(named, name="run/topics.mcap").parent
+
+    return make
 
 
 @pytest.fixture
@@ -102,10 +105,7 @@ def test_uncertainty_gives_the_colours_without_truth(run_of, tmp_path, tetrahedr
     assert vertices_of(tmp_path / "solid.ply").dtype.names == ("x", "y", "z")
     assert (facts["rms_m"], facts["coloured_by"], facts["colours_end_m"]) == ({}, None, None)
     assert "colours" not in export_text(facts)
-
-
-def test_mesh_of_an_unrecorded_run_is_exported(tmp_path, tetrahedron):
-    export_model(tetrahedron, tmp_path)
+    export_model(tetrahedron, tmp_path)  # as of a run that was not recorded
     facts = export(tmp_path, [tmp_path / "solid.obj"])
     assert (facts["final"], facts["faces"]) == (None, 4)
     assert trimesh.load(tmp_path / "solid.obj").volume == pytest.approx(1e-6)
@@ -116,32 +116,25 @@ def test_export_command_prints_files_with_units(run, tmp_path, call, monkeypatch
     code, out, _ = call("export run -o a.stl -o a.glb")
     assert code == 0 and "4 triangles, 4 vertices" in out and "not come to its end" not in out
     assert "a.stl (mm)" in out and "a.glb (m, y up)" in out
-    facts = json.loads(
-        call("export run -o a.stl -o a.glb --json").out
-    )  # existing files are replaced
+    facts = json.loads(call("export run -o a.stl -o a.glb --json").out)  # which it replaces
     assert facts["faces"] == 4 and facts["written"][0] == {"file": "a.stl", "holds": "mm"}
     assert call("export run/topics.mcap -o b.stl").code == 0
     assert (tmp_path / "a.stl").read_bytes() == (tmp_path / "b.stl").read_bytes()
 
 
-@pytest.mark.parametrize(
-    ("names", "words"),
-    [
-        (["a.ply", "b.foo"], r"-o .*b.foo: must end in one of .ply, .stl, .glb, .obj, .3mf"),
-        (["a.ply", "a"], r"-o .*a: must end in one of"),
-        (["a.ply", "none/b.stl"], r"b.stl: cannot be written: there is no folder .*none"),
-        (["a.ply", "a.ply"], "each file that is written must have a name of its own"),
-        (["a.ply", "folder.stl"], r"folder.stl: cannot be written: it is a folder"),
-    ],
-)
-def test_unwritable_files_leave_none_behind(run, tmp_path, names, words):
+def test_unwritable_files_and_runs_without_a_solid_leave_no_file(run_of, run, truth, tmp_path,
+                                                                 tetrahedron):  # fmt: skip
     (tmp_path / "folder.stl").mkdir()
-    with pytest.raises(InputError, match=words):
-        export(run, [tmp_path / name for name in names])
-    assert sorted(one.name for one in tmp_path.iterdir()) == ["folder.stl", "run"]
-
-
-def test_runs_without_a_solid_are_refused(run_of, truth, tmp_path, tetrahedron):
+    for name, words in (
+        ("b.foo", r"-o .*b.foo: must end in one of .ply, .stl, .glb, .obj, .3mf"),
+        ("a", r"-o .*a: must end in one of"),
+        ("none/b.stl", r"b.stl: cannot be written: there is no folder .*none"),
+        ("a.ply", "each file that is written must have a name of its own"),
+        ("folder.stl", r"folder.stl: cannot be written: it is a folder"),
+    ):
+        with pytest.raises(InputError, match=words):
+            export(run, [tmp_path / "a.ply", tmp_path / name])
+        assert sorted(one.name for one in tmp_path.iterdir()) == ["folder.stl", "run"]
     (tmp_path / "empty").mkdir()
     for path, words in (
         (tmp_path / "empty", r"empty: holds no rebuilt solid: there is no mesh\.ply in it"),

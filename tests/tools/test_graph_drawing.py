@@ -108,7 +108,7 @@ def test_nothing_covers_anything(name):
 
 
 @SKETCHES
-def test_topics_are_in_rows_of_publishers_and_columns_of_subscribers(name):
+def test_topics_and_lines_lead_from_publishers_to_subscribers(name):
     axes, boxes = chart(name)
     drawn = set()
     for text in topics(axes):
@@ -121,11 +121,6 @@ def test_topics_are_in_rows_of_publishers_and_columns_of_subscribers(name):
         (wire.source, *to, label)
         for wire, label in wires for to in ([[text] for text in wire.targets] or [[]])
     }  # fmt: skip
-
-
-@SKETCHES
-def test_line_leads_from_side_of_publisher_to_subscriber(name):
-    axes, boxes = chart(name)
     ways = set()
     for line in (one for one in axes.lines if (one.get_gid() or "").startswith("line")):
         (x, y), *_, (to_x, to_y) = line.get_xydata()
@@ -144,7 +139,7 @@ def test_line_leads_from_side_of_publisher_to_subscriber(name):
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_subscriber_follows_its_publishers_unless_in_a_loop(seed):
+def test_subscriber_follows_its_publishers_in_any_order_unless_in_a_loop(seed):
     rng, number = random.Random(seed), 2 + seed
     names = rng.sample(range(number), number)
     ahead = {names[i]: [names[k] for k in range(i + 1, number) if rng.random() < 0.2]
@@ -152,12 +147,8 @@ def test_subscriber_follows_its_publishers_unless_in_a_loop(seed):
     place = {box: i for i, box in enumerate(reading_order(ahead))}
     assert all(place[box] < place[to] for box, targets in ahead.items() for to in targets)
     assert reading_order({0: [1, 2], 1: [2], 2: [0]}) == [0, 1, 2]  # only the last goes back
-
-
-@pytest.mark.parametrize("seed", range(5))
-def test_drawing_does_not_depend_on_order_of_nodes(seed):
     shipped = sketch(-1)
-    order = random.Random(seed).sample(range(len(shipped.boxes)), len(shipped.boxes))
+    order = rng.sample(range(len(shipped.boxes)), len(shipped.boxes))
     edges = {i: [to for w in shipped.wires if w.source == i for to in w.targets] for i in order}
     names = [shipped.boxes[i].text for i in reading_order(edges)]
     assert names[:4] == ["simulator", "filter", "curvature", "tracer"]
@@ -205,13 +196,11 @@ def test_nodes_of_several_fingers_are_stacks_with_titles():
     }
 
 
-@pytest.mark.parametrize(
-    "text", ['<b> & "c"', "\x00\x1b", "\ud800", "]]>", "\ufffe", "$a$ $b", "触"]
-)
-def test_no_name_breaks_the_picture(text):
-    only = box(text, text)
-    wire = Wire(source=0, targets=(0,), labels=(text,), title=text, latched=True)
-    ElementTree.fromstring(draw_svg(Sketch((only,), (wire,), (only,)), text))
+def test_no_name_breaks_the_picture():
+    for text in ('<b> & "c"', "\x00\x1b", "\ud800", "]]>", "\ufffe", "$a$ $b", "触"):
+        only = box(text, text)
+        wire = Wire(source=0, targets=(0,), labels=(text,), title=text, latched=True)
+        ElementTree.fromstring(draw_svg(Sketch((only,), (wire,), (only,)), text))
 
 
 TWO = Sketch(
@@ -268,12 +257,9 @@ def test_launch_with_graph_draws_and_starts_nothing(here, call, refusal):
 def test_documentation_shows_the_shipped_graph(call):
     page = (DOCS / "docs" / "figures" / "graph.svg").read_text(encoding="utf-8")
     printed = call("launch explore.yaml --graph").out
-    from_command, from_page = (
+    shown, wanted = (
         [text.text for text in ElementTree.fromstring(picture).iter(f"{SVG}text")]
         for picture in (printed, page)
     )
-    assert from_command == from_page and {
-        "simulator",
-        "/touch/raw",
-        "recorder: subscribes to every topic",
-    } < {*from_command}
+    assert shown == wanted
+    assert {"simulator", "/touch/raw", "recorder: subscribes to every topic"} < {*shown}

@@ -32,14 +32,7 @@ from palpate.tools.templates import (
 from palpate.tools.templates.planner import Template
 
 KINDS = ("node", "driver", "filter", "effect", "planner")
-CHECKED = (
-    node_check,
-    driver_check,
-    filter_check,
-    effect_check,
-    planner_check,
-    planner_touches_check,
-)
+CHECKED = node_check, driver_check, filter_check, effect_check, planner_check, planner_touches_check
 CHECKS = [(one, name) for one in CHECKED for name in vars(one) if name.startswith("test_")]
 LONG = ("test_solid_of_the_frames_is_the_ball",)
 FILES = {
@@ -52,9 +45,7 @@ FILES = {
 }
 BALL = "object:\n  superquadric: {size: [0.04, 0.04, 0.04], exponents: [1, 1]}\n"
 PAGE = (Path(__file__).parents[2] / "docs" / "own_node.md").read_text()
-SHELL = [
-    one for block in re.findall(r"```sh\n(.*?)```", PAGE, re.DOTALL) for one in block.splitlines()
-]
+SHELL = "".join(re.findall(r"```sh\n(.*?)```", PAGE, re.DOTALL)).splitlines()
 [SNIPPET] = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
 
 
@@ -112,12 +103,10 @@ def test_new_modules_pass_ruff_and_mypy(tmp_path):
     begun = [*begin("node", "my_node", tmp_path)[0], *begin("driver", "my_driver", tmp_path)[0]]
     modules = [path.name for path in begun if path.suffix == ".py"]
     # As if it were installed from a wheel: mypy does not follow what is installed for editing.
-    how = {
-        "cwd": tmp_path,
-        "env": {**os.environ, "PYTHONPATH": str(Path(palpate.__file__).parents[1])},
-    }
+    env = {**os.environ, "PYTHONPATH": str(Path(palpate.__file__).parents[1])}
     for tool in (["ruff", "check", "--isolated"], ["mypy", "--strict"]):
-        done = subprocess.run([sys.executable, "-m", *tool, *modules], capture_output=True, **how)
+        command = [sys.executable, "-m", *tool, *modules]
+        done = subprocess.run(command, capture_output=True, cwd=tmp_path, env=env)
         assert done.returncode == 0, done.stdout
 
 

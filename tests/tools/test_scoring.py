@@ -30,7 +30,7 @@ def saved(tmp_path):
     return save
 
 
-def test_solid_has_no_distance_from_itself(saved, tmp_path, tetrahedron):
+def test_distances_are_none_from_itself_and_grow_with_the_difference(saved, tmp_path, tetrahedron):
     record = score(saved("a.ply"), saved("b.ply"))
     assert record["chamfer_m"] < 1e-15 and record["hausdorff_m"] < 1e-14
     assert record["volume_error"] == pytest.approx(0.0, abs=1e-12)
@@ -41,9 +41,6 @@ def test_solid_has_no_distance_from_itself(saved, tmp_path, tetrahedron):
     for name in files:
         record = score(tmp_path / name, tmp_path / files[0])
         assert record["hausdorff_m"] < 1e-8 and record["same_order_of_size"]
-
-
-def test_distances_grow_with_the_difference(saved):
     record = score(saved("a.ply", 1.02), saved("b.ply"))
     assert 0.0004 < record["chamfer_m"] < record["rms_m"] < record["p95_m"] < record["hausdorff_m"]
     assert record["hausdorff_m"] < 0.002 and record["chamfer_m"] < 0.001
@@ -53,16 +50,12 @@ def test_distances_grow_with_the_difference(saved):
 
 
 @pytest.mark.slow
-def test_reference_is_read_in_its_unit(saved):
+def test_reference_is_read_in_its_unit_and_aligned_may_lie_anywhere(saved, tmp_path):
     record = score(saved("a.ply"), saved("b.ply", 100.0), reference_unit="cm")
     assert record["hausdorff_m"] < 1e-7 and record["reference_unit"] == "cm"
     wrong = score(saved("a.ply"), saved("b.stl"), reference_unit="mm")  # written in m
     assert not wrong["same_order_of_size"]
     assert "warning    their sizes differ widely: see --unit" in score_text(wrong)
-
-
-@pytest.mark.slow
-def test_aligned_files_may_lie_anywhere(saved, tmp_path):
     record = score(saved("a.ply", 1.0, 0.7), saved("b.ply"), aligned=True)
     assert record["hausdorff_m"] < 1e-7 and record["alignment_rms_m"] < 1e-7
     assert not record["alignment_ambiguous"]
@@ -143,34 +136,26 @@ def test_points_are_read_however_the_table_is_written(write, text):
     assert read.faces.shape == (0, 3)
 
 
-@pytest.mark.parametrize(
-    ("name", "text", "words"),
-    [
-        ("p.csv", "1,2,3\n4,5\n", "p.csv:2: has 2 columns where 3 are named"),
-        ("p.csv", "1,2,3\n4,5,6\n", "p.csv: holds 2 points; at least 6 are needed"),
-        ("p.csv", "1,2,3\n" * 6 + "nan,0,0\n", "p.csv: holds 1 point not finite, line 7"),
-        ("p.csv", "1,2,3\n" * 6, "p.csv: all 6 points are in one place"),
-        ("p.csv", "0,0,0\n" + "1,2,3e200\n" * 6, "p.csv: reaches 3e.200 m from the origin"),
-        ("m.obj", "v 0 0 0\nv 1e99 0 0\nv 0 1 0\nf 1 2 3\n", "m.obj: reaches 1e.99 m from"),
-        ("m.npz", "hello", "m.npz: is no NPZ file"),
-        ("m.doc", "hello", "m.doc: 'doc' is no mesh format"),
-    ],
+BAD = (
+    ("p.csv", "1,2,3\n4,5\n", "p.csv:2: has 2 columns where 3 are named"),
+    ("p.csv", "1,2,3\n4,5,6\n", "p.csv: holds 2 points; at least 6 are needed"),
+    ("p.csv", "1,2,3\n" * 6 + "nan,0,0\n", "p.csv: holds 1 point not finite, line 7"),
+    ("p.csv", "1,2,3\n" * 6, "p.csv: all 6 points are in one place"),
+    ("p.csv", "0,0,0\n" + "1,2,3e200\n" * 6, "p.csv: reaches 3e.200 m from the origin"),
+    ("m.obj", "v 0 0 0\nv 1e99 0 0\nv 0 1 0\nf 1 2 3\n", "m.obj: reaches 1e.99 m from"),
+    ("m.npz", "hello", "m.npz: is no NPZ file"),
+    ("m.doc", "hello", "m.doc: 'doc' is no mesh format"),
+    ("m.npz", {"vertices": np.eye(3)}, "is no model: it lacks faces$"),
+    ("m.npz", {"vertices": np.eye(3), "faces": np.zeros((0, 3), int)}, "has no surface; noth"),
+    ("m.npz", {"vertices": np.eye(3), "faces": [[0, 1, 3]]}, "vertices from 0 to 2, got 3"),
+    ("m.npz", {"vertices": ["a"], "faces": [[0, 1, 2]]}, "is no model: "),
 )
-def test_files_without_points_are_refused(write, name, text, words):
-    with pytest.raises(InputError, match=words):
-        read_mesh_or_points(write(name, text), None)
 
 
-@pytest.mark.parametrize(
-    ("arrays", "words"),
-    [
-        ({"vertices": np.eye(3)}, "is no model: it lacks faces$"),
-        ({"vertices": np.eye(3), "faces": np.zeros((0, 3), int)}, "the model has no surface; noth"),
-        ({"vertices": np.eye(3), "faces": np.array([[0, 1, 3]])}, "vertices from 0 to 2, got 3"),
-        ({"vertices": np.array(["a"]), "faces": np.array([[0, 1, 2]])}, "is no model: "),
-    ],
-)
-def test_archives_without_a_model_are_refused(tmp_path, arrays, words):
-    np.savez_compressed(tmp_path / "m.npz", **arrays)
+@pytest.mark.parametrize(("name", "content", "words"), BAD)
+def test_files_without_points_or_a_model_are_refused(write, name, content, words):
+    path = write(name, content if isinstance(content, str) else "")
+    if isinstance(content, dict):
+        np.savez_compressed(path, **content)
     with pytest.raises(InputError, match=words):
-        read_mesh_or_points(tmp_path / "m.npz", None)
+        read_mesh_or_points(path, None)

@@ -90,6 +90,15 @@ def test_info_shows_topics_sizes_nodes_and_metadata(record, call):
     assert len({len(line) for line in lines[-3:]}) == 1
 
 
+@pytest.mark.parametrize(
+    ("data", "words"), [(b"", "it is empty"), (b"x" * 99, "it is not an MCAP file")]
+)
+def test_info_of_no_recording_is_refused(tmp_path, data, words, refusal):
+    (tmp_path / "a.mcap").write_bytes(data)
+    message = refusal("bag info", tmp_path / "a.mcap")
+    assert f"a.mcap: cannot be read as a recording: {words}" in message
+
+
 def test_info_of_damaged_recordings_shows_their_end(record, call):
     path = record(MESSAGES, closed=False)
     size = path.stat().st_size
@@ -120,16 +129,6 @@ def test_hostile_texts_of_a_recording_are_shown_harmlessly(record):
     assert info["nodes"] == [] and "nodes      not known" in info_text(info)
     assert "\x1b" not in info_text(info)
     assert info["topics"][0]["publisher"] == r"'\x1b[31mred'"
-
-
-@pytest.mark.parametrize(
-    ("data", "words"), [(b"", "it is empty"), (b"x" * 99, "it is not an MCAP file")]
-)
-def test_info_of_no_recording_is_refused(tmp_path, data, words, refusal):
-    (tmp_path / "a.mcap").write_bytes(data)
-    assert f"a.mcap: cannot be read as a recording: {words}" in refusal(
-        "bag info", tmp_path / "a.mcap"
-    )
 
 
 def random_text(number: int) -> str:
@@ -183,18 +182,13 @@ def test_recovery_of_a_cut_keeps_exactly_its_whole_chunks(whole, tmp_path):
         assert kept(out) == reference[: counts[end]]
         assert stock_counts(out) == saved.counts == Counter(one.topic for one in kept(out))
         assert bool(saved.end.why) is (end < len(whole)) and saved.end.byte <= end
-
-
-def test_cut_before_the_first_chunk_leaves_no_file(whole, tmp_path):
-    first = next(end for end, count in enumerate(counts_before(whole)) if count)
-    folder = tmp_path / "alone"
-    folder.mkdir()
-    path = folder / "cut.mcap"
+    path = tmp_path / "alone" / "cut.mcap"  # before the first chunk: no file is left
+    path.parent.mkdir()
     for end in (0, 5, 8, 40, first // 2, first - 1):
         path.write_bytes(whole[:end])
         with pytest.raises(InputError, match="nothing can be recovered: no message comes before"):
             recover_recording(path)
-        assert [one.name for one in folder.iterdir()] == ["cut.mcap"]
+        assert [*path.parent.iterdir()] == [path]
 
 
 def test_recovered_copy_holds_all_that_the_recording_says(whole, tmp_path):
@@ -227,11 +221,9 @@ def test_parts_are_recovered_into_one_file(record, tmp_path):
     assert stock_counts(saved.path) == {"/world": 10, "/log": 90}
     text = recovered_text(saved)
     assert "100 messages on 2 topics, of 2 files; that is all that there was" in text
-
-
-def test_recovery_ends_where_a_part_lacks_messages(record):
-    path = record(RANDOM[:70])
-    record(RANDOM, name="topics.1.mcap", skip=80)
+    saved.path.unlink()
+    record(RANDOM[:70])
+    record(RANDOM, name="topics.1.mcap", skip=80)  # lacks messages
     saved = recover_recording(path)
     assert len(kept(saved.path)) == 70 and saved.end.part == part_path(path, 1)
     assert saved.end.why == "is damaged: it lacks /world 7"
@@ -342,7 +334,7 @@ def test_diff_names_the_first_difference(differ, a, b, how, line):
     assert differ(a, b, **how)[0].startswith(line)
 
 
-def test_diff_counts_by_topic_and_compares_only_named_ones(differ):
+def test_diff_counts_by_topic_named_ones_only_and_to_the_end_of_an_unclosed_one(differ, tmp_path):
     assert differ(A, OTHER)[1:] == [
         "topic  compared  differ  only in A  only in B",
         "/in           2       1          0          0",
@@ -355,9 +347,6 @@ def test_diff_counts_by_topic_and_compares_only_named_ones(differ):
         differ(A, A, "/inn")
     with pytest.raises(ValueError, match=r"b\.mcap is out of order: /in 0 after 1"):
         differ(A, [*A, A[1]])
-
-
-def test_diff_of_unclosed_recording_compares_to_its_end(differ, tmp_path):
     late = {"closed": False, "sent": [10**9, 10**10]}
     lines = differ(A, A[:2], second=late)
     assert lines[0] == f"{tmp_path / 'b.mcap'} was never closed: compared up to its end"

@@ -28,7 +28,6 @@ COUNTS = {
     "foxglove": r"\d+ messages of 14 topics",
 }
 LEFT_OUT = "\nleft to --format ply, as meshes: /model/shape, /truth"
-FORMATS = pytest.mark.parametrize("kind", COUNTS)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -43,13 +42,7 @@ def own(force: float, count: int, name: str, **table: float) -> Own:
     return Own(force=force, places=np.full((count, 3), force), name=name, table=table)
 
 
-OWN = [
-    own(force=1.0, count=2, name="a", x=1.5, y=2.0),
-    own(force=2.5, count=5, name="longer", y=3.0, z=-1.0),
-]
-
-
-SCHEMAS = {"Own": json.dumps(schema(Own))}
+OWN = [own(1.0, 2, "a", x=1.5, y=2.0), own(2.5, 5, "longer", y=3.0, z=-1.0)]
 
 
 @pytest.fixture
@@ -60,22 +53,17 @@ def messages(explored_messages):
 
 @pytest.fixture
 def recorded(record, messages):
-    return record(messages, schemas=SCHEMAS)
+    return record(messages, schemas={"Own": json.dumps(schema(Own))})
 
 
-@FORMATS
-def test_each_format_is_written_whole_and_reported(explored, tmp_path, kind, call):
+@pytest.mark.parametrize("kind", COUNTS)
+def test_each_format_is_written_whole_reported_and_not_overwritten(explored, tmp_path, kind, call):
     out = tmp_path / "out"
     code, text, _ = call("bag export", explored, "--format", kind, "-o", out)
     assert code == 0
     assert re.fullmatch(rf"{out}: {COUNTS[kind]}\n", text.replace(LEFT_OUT, ""))
     assert (LEFT_OUT in text) == (kind == "csv")
     assert sorted(one.name for one in tmp_path.iterdir()) == ["out", "topics.mcap"]
-
-
-@FORMATS
-def test_nothing_is_overwritten(explored, tmp_path, kind):
-    (tmp_path / "out").mkdir()
     (tmp_path / "file").write_text("mine")
     for name in ("out", "file"):
         with pytest.raises(InputError, match=f"{name}: exists already; it is not overwritten"):
@@ -85,10 +73,8 @@ def test_nothing_is_overwritten(explored, tmp_path, kind):
 
 @pytest.mark.parametrize("kind", ["csv", "npz", "foxglove"])
 def test_undecodable_message_is_refused_without_leftovers(record, tmp_path, kind):
-    types = {"/world": "World"}
-    path = record(
-        [("/world", WORLD), ("/world", b"\x80")], types=types, schema=schema_hash(type(WORLD))
-    )
+    how = {"types": {"/world": "World"}, "schema": schema_hash(type(WORLD))}
+    path = record([("/world", WORLD), ("/world", b"\x80")], **how)
     with pytest.raises(InputError, match=r"topics.mcap: /world 1: not a World: missing field plat"):
         export_bag(path, kind, tmp_path / "out")
     assert [one.name for one in tmp_path.iterdir()] == ["topics.mcap"]
@@ -149,14 +135,8 @@ def test_csv_holds_every_field_of_every_message(recorded, messages, tmp_path):
                 assert cells_of(row, field.name, value) == plain(value), (topic, field.name)
     rows = rows_of(tmp_path / "out" / "own.csv")
     assert (rows[0]["table.z"], rows[1]["table.x"]) == ("", "")
-    assert units["touch_raw.csv"] == {
-        "sent_s": "s",
-        "direction": "1",
-        "pose": "m, 1",
-        "array": "s or N",
-        "move": "s, m, rad, m, m",
-        "robot_time": "s",
-    }
+    wanted = {"sent_s": "s", "direction": "1", "pose": "m, 1", "array": "s or N"}
+    assert units["touch_raw.csv"] == wanted | {"move": "s, m, rad, m, m", "robot_time": "s"}
     assert units["plan_done.csv"]["rms_bound_95"] == "m"
 
 
@@ -211,7 +191,7 @@ def check_arrays(arrays, stem: str, name: str, values: list[Any]) -> None:
             assert plain(array) == [plain(value) for value in values]
 
 
-def test_npz_holds_every_field_of_every_message(recorded, messages, tmp_path):
+def test_npz_holds_every_field_of_every_message(recorded, messages, record, tmp_path):
     text = export_bag(recorded, "npz", tmp_path / "a.npz")
     with np.load(tmp_path / "a.npz", allow_pickle=False) as file:
         arrays = dict(file)
@@ -228,9 +208,8 @@ def test_npz_holds_every_field_of_every_message(recorded, messages, tmp_path):
     export_bag(recorded, "npz", tmp_path / "b.npz")
     assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "b.npz").read_bytes()
 
-
-def test_times_count_from_first_message_of_recording(record, tmp_path):
-    path = record([("/a", WORLD), ("/b", WORLD)])
+    # Times count from the first message of the recording, exported or not.
+    path = record([("/a", WORLD), ("/b", WORLD)], name="two.mcap")
     export_bag(path, "npz", tmp_path / "out.npz", ["/b"])
     with np.load(tmp_path / "out.npz") as arrays:
         assert arrays["b.sent_s"] == pytest.approx([0.007])
@@ -253,22 +232,16 @@ def test_files_of_topics_have_harmless_different_names(record, tmp_path):
     assert {one.stem for one in (tmp_path / "out").glob("*.csv")} == {*stems}
 
 
-@pytest.mark.parametrize(
-    ("kind", "topics", "words"),
-    [
-        ("csv", ["/truth"], "/truth are meshes: take --format ply"),
-        ("ply", ["/score"], "/score are no meshes, so"),
-        ("npz", ["/scroe"], "has no topic '/scroe'; did you mean '/score'"),
-    ],
-)
-def test_export_without_suitable_topic_is_refused(explored, tmp_path, kind, topics, words):
-    with pytest.raises(InputError, match=words):
-        export_bag(explored, kind, tmp_path / "out", topics)
-    assert [one.name for one in tmp_path.iterdir()] == ["topics.mcap"]
-
-
-def test_unusable_recordings_are_refused(record, tmp_path, explored):
+def test_unsuitable_topics_and_recordings_are_refused(record, tmp_path, explored):
     out = tmp_path / "out"
+    for kind, topic, words in (
+        ("csv", "/truth", "/truth are meshes: take --format ply"),
+        ("ply", "/score", "/score are no meshes, so"),
+        ("npz", "/scroe", "has no topic '/scroe'; did you mean '/score'"),
+    ):
+        with pytest.raises(InputError, match=words):
+            export_bag(explored, kind, out, [topic])
+    assert [one.name for one in tmp_path.iterdir()] == ["topics.mcap"]
     explored.write_bytes(explored.read_bytes()[:-30])
     with pytest.raises(InputError, match=r"cut off at byte \d+; `palpate bag recover` saves its"):
         export_bag(explored, "csv", out)
@@ -282,9 +255,8 @@ def test_unusable_recordings_are_refused(record, tmp_path, explored):
 
 def test_topics_are_given_between_commas_or_one_by_one(explored, tmp_path, call):
     for number, topics in enumerate((["/score,/log"], ["/score", "/log"], [" /score, /log,"])):
-        words = [word for topic in topics for word in ("--topics", topic)]
-        out = tmp_path / str(number)
-        assert call("bag export", explored, "--format", "csv", "-o", out, *words).code == 0
+        words, out = [("--topics", topic) for topic in topics], tmp_path / str(number)
+        assert call("bag export", explored, "--format", "csv", "-o", out, *sum(words, ())).code == 0
         assert {one.name for one in out.iterdir()} == {"score.csv", "log.csv", "units.json"}
 
 
@@ -293,9 +265,8 @@ def patch_of(k1: float) -> tuple[str, Any]:
 
 
 def test_topic_is_a_table_with_a_row_for_each_message(record):
-    recording = palpate.open_recording(
-        record([patch_of(1.0), ("/log", log(0.5, "hi")), patch_of(2)])
-    )
+    messages = [patch_of(1.0), ("/log", log(0.5, "hi")), patch_of(2)]
+    recording = palpate.open_recording(record(messages))
     assert list(recording) == ["/log", "/touch/patch"] and len(recording) == 2
     table = recording["/touch/patch"]
     assert table["seq"].tolist() == [0, 1]
@@ -318,10 +289,8 @@ def test_tables_hold_own_types_and_missing_numbers(recorded, record):
     assert [one.shape for one in table["places"]] == [(2, 3), (5, 3)]
     assert table["name"].tolist() == ["a", "longer"]
     bounds = [("/plan/done", example(PlanDone, rms_bound_95=one)) for one in (1e-4, None)]
-    bounds_read = palpate.open_recording(record(bounds, name="done.mcap"))["/plan/done"][
-        "rms_bound_95"
-    ]
-    assert bounds_read[0] == 1e-4 and np.isnan(bounds_read[1])
+    done = palpate.open_recording(record(bounds, name="done.mcap"))["/plan/done"]
+    np.testing.assert_array_equal(done["rms_bound_95"], [1e-4, np.nan])
 
 
 def test_tables_refuse_unknown_topics_files_and_missing_pandas(record, tmp_path, monkeypatch):

@@ -25,7 +25,7 @@ def python(code, *arguments, **how):
     return subprocess.run(command, timeout=300, **{"capture_output": True, **how})
 
 
-def test_main_exits_with_code_of_the_command(monkeypatch):
+def test_main_exits_with_code_of_the_command(monkeypatch, capsys):
     monkeypatch.setenv("OPENBLAS_NUM_THREADS", "3")
     monkeypatch.delenv("OMP_NUM_THREADS")
     monkeypatch.setattr("signal.signal", lambda *_: None)
@@ -33,6 +33,7 @@ def test_main_exits_with_code_of_the_command(monkeypatch):
         with pytest.raises(SystemExit) as ended:
             main(words)
         assert ended.value.code == code
+    assert re.fullmatch(r"palpate, version \d+\.\d+\.\d+\n", capsys.readouterr().out)
     # Linear algebra has one thread unless the user wants more.
     assert (os.environ["OPENBLAS_NUM_THREADS"], os.environ["OMP_NUM_THREADS"]) == ("3", "1")
 
@@ -45,10 +46,6 @@ def test_help_lists_commands_without_importing_them():
     for verb in ("run", "launch", "replay", "bag", "scene", "node", "topic", "doctor"):
         assert any(line.startswith(f"  {verb} ") for line in text)
     assert not {"numpy", "msgspec", "rich", "palpate.tools.cli.launching"} & {*modules.split()}
-
-
-def test_version_is_printed(call):
-    assert re.fullmatch(r"palpate, version \d+\.\d+\.\d+\n", call("--version").out)
 
 
 NO_RECORDING = "x.mcap: the recording does not exist"
@@ -144,19 +141,6 @@ def test_json_is_all_that_json_prints(call, performed):
     assert "palpate: no report.html: " in result.err  # there is no run to report
 
 
-@pytest.fixture
-def failing(monkeypatch):
-    """Has every verb fail with an error."""
-
-    def do(error):
-        def fail(*_, **__):
-            raise error
-
-        monkeypatch.setattr(palpate_group, "main", fail)
-
-    return do
-
-
 @pytest.mark.parametrize(
     ("error", "code", "words"),
     [
@@ -170,10 +154,13 @@ def failing(monkeypatch):
         (ZeroDivisionError("by\nnothing"), 3, "a bug: ZeroDivisionError: by nothing; "),
     ],
 )
-def test_every_failure_is_a_sentence_and_an_exit_code(failing, call, tmp_path, monkeypatch, error,
-                                                      code, words):  # fmt: skip
+def test_every_failure_is_a_sentence_and_an_exit_code(call, tmp_path, monkeypatch, error, code,
+                                                      words):  # fmt: skip
+    def fail(*_, **__):
+        raise error
+
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    failing(error)
+    monkeypatch.setattr(palpate_group, "main", fail)
     result = call("run")
     assert (result.code, result.out, result.err.count("\n")) == (code, "", 1)
     assert words in result.err and "Traceback" not in result.err

@@ -62,15 +62,8 @@ def test_commands_have_uniform_help_and_options(path):
         assert (named[name].metavar, named[name].multiple) == ("A,B", True)
     if "--run" in named:
         assert named["--run"].help == options(ALL["topic list"][0])["--run"].help
-
-
-def test_commands_that_tell_facts_have_json():
-    lacking = {
-        path
-        for path, (command, _) in ALL.items()
-        if not (isinstance(command, click.Group) or "--json" in options(command))
-    }
-    assert lacking == ACTS
+    if not isinstance(command, click.Group):  # what tells facts has JSON
+        assert ("--json" in named) == (path not in ACTS) and {*ALL} >= ACTS
 
 
 @pytest.fixture(scope="module")
@@ -161,7 +154,14 @@ def test_commands_and_options_are_completed_in_every_shell(complete):
     assert complete("palpate rebu", "fish") == [f"rebuild\t{help_text}"]
 
 
-def test_scenes_are_shipped_ones_and_files(complete, here):
+def test_script_of_a_shell_is_printed(call):
+    for shell in ("bash", "zsh", "fish"):
+        code, out, err = call("--completion", shell)
+        assert (code, err) == (0, "") and f"_PALPATE_COMPLETE={shell}_complete" in out
+        assert re.search(r"complete .*palpate|compdef .*palpate", out)
+
+
+def test_scenes_are_shipped_ones_and_files_and_runs_the_latest_first(complete, here):
     for name in ("vat.yaml", "valve.stl", "vain.txt"):
         (here / name).touch()
     (here / "vases").mkdir()
@@ -169,9 +169,7 @@ def test_scenes_are_shipped_ones_and_files(complete, here):
     assert complete("palpate scene check ") == [*shipped_scenes(), "valve.stl", "vat.yaml"]
     assert complete("palpate calibrate ./vat") == ["./vat.yaml"]
     assert complete("palpate run vases/") == ["file,vases/"]
-
-
-def test_runs_are_those_of_their_folder_latest_first(complete, here):
+    # Runs are those of their folder, the latest first.
     assert complete("palpate bag info ") == ["file,"]
     for name in ("2026-01-01_vase", "2026-01-02_box"):
         (here / "runs" / name).mkdir(parents=True)
@@ -199,7 +197,7 @@ def test_topics_and_nodes_are_of_the_chosen_graph(complete):
 
 
 @pytest.mark.parametrize("card", [b"", b"{", b"\xff\x00", b'{"run": 3}', b"[]"])
-def test_damaged_registry_offers_nothing(complete, runtime, card):
+def test_damaged_registry_and_senseless_lines_offer_nothing(complete, runtime, monkeypatch, card):
     folder = runtime / "palpate-run-x"
     folder.mkdir()
     (folder / "run.json").write_bytes(card)
@@ -207,9 +205,6 @@ def test_damaged_registry_offers_nothing(complete, runtime, card):
     fcntl.flock(lock, fcntl.LOCK_EX)
     assert complete("palpate topic echo /") == complete("palpate node info ") == []
     os.close(lock)
-
-
-def test_senseless_line_offers_nothing(complete, monkeypatch):
     for line in ("palpate none ", "palpate run --none ", "palpate topic nothing x"):
         complete(line)
     monkeypatch.setattr("palpate.launch.processes.registry.running_graphs", lambda: 1 / 0)
@@ -240,10 +235,3 @@ def test_completion_imports_only_what_it_needs(line, heavy):
     command = [sys.executable, "-c", TIMED]
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
     assert not heavy & {*done.stderr.split()}
-
-
-@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
-def test_script_of_a_shell_is_printed(call, shell):
-    code, out, err = call("--completion", shell)
-    assert (code, err) == (0, "") and f"_PALPATE_COMPLETE={shell}_complete" in out
-    assert re.search(r"complete .*palpate|compdef .*palpate", out)

@@ -72,7 +72,7 @@ def export(call, monkeypatch):
     return do
 
 
-def test_each_drawable_is_logged_at_its_robot_time(export, explored):
+def test_each_drawable_is_logged_at_its_robot_time_in_its_colour(export, explored):
     out, logged = export(explored)
     # All but the world, the sensor, and an estimate without a bound.
     assert out.endswith("out.rrd: 16 messages of 13 topics\n")
@@ -102,10 +102,6 @@ def test_each_drawable_is_logged_at_its_robot_time(export, explored):
     assert "{'world/touched': Made(kind='VisibleTimeRanges'" in layout
     assert "'- $origin/truth'" in layout and "name': 'true solid'" in layout
     assert "Made(kind='TimePanel', given=(), named={'timeline': 'robot_time'})" in layout
-
-
-def test_layers_have_their_colours(export, explored):
-    _, logged = export(explored)
     kinds = {"touched": "Points3D", "free": "Points3D", "unknown": "Points3D"}
     kinds |= {"untouched": "Points3D", "lattice": "LineStrips3D", "contours/7": "LineStrips3D"}
     for path, kind in (kinds | {"finger/2": "Boxes3D"}).items():

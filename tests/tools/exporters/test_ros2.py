@@ -32,12 +32,8 @@ def by_topic(topic, message):
 def test_frame_is_json_a_stamped_pose_and_an_image(frame):
     shown = by_topic("/touch/raw", frame)
     whole, pose, image = (shown[f"/palpate/touch/raw{part}"] for part in ("", "/pose", "/array"))
-    types = [one.type for one in (whole, pose, image)]
-    assert types == [
-        "std_msgs/msg/String",
-        "geometry_msgs/msg/PoseStamped",
-        "sensor_msgs/msg/Image",
-    ]
+    types = ["std_msgs/msg/String", "geometry_msgs/msg/PoseStamped", "sensor_msgs/msg/Image"]
+    assert [one.type for one in (whole, pose, image)] == types
     fields = json.loads(whole.fields["data"])
     assert (fields["outcome"], fields["array"]) == ("hit", [[0.0, 1.0, 2.0], [3.0, 4.0, 5.0]])
     stamp = {"sec": 1, "nanosec": 250_000_000}  # robot time
@@ -49,38 +45,29 @@ def test_frame_is_json_a_stamped_pose_and_an_image(frame):
     assert np.frombuffer(fields["data"], "<f4").tolist() == [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]
 
 
-def test_contour_is_a_cloud_of_its_points(contour):
+def test_contour_is_a_cloud_and_solid_a_list_of_triangles(contour, tetrahedron):
     cloud = by_topic("/contour/traced", contour)["/palpate/contour/traced/points"]
     assert cloud.type == "sensor_msgs/msg/PointCloud2"
     points = np.frombuffer(cloud.fields["data"], "<f4").reshape(-1, 3)
     assert np.allclose(points, contour.points, atol=1e-7)
     assert cloud.fields["width"] == len(points)
     assert cloud.fields["row_step"] == len(cloud.fields["data"])
-
-
-def test_solid_is_a_list_of_triangles(tetrahedron):
     marker = by_topic("/model/shape", tetrahedron)["/palpate/model/shape/mesh"]
     corners = [[one[axis] for axis in "xyz"] for one in marker.fields["points"]]
     assert np.array_equal(corners, tetrahedron.vertices[tetrahedron.faces.ravel()])
-
-
-def test_large_arrays_are_given_by_shape(tetrahedron):
-    many = replace(tetrahedron, vertices=np.zeros((999, 3)))
+    many = replace(tetrahedron, vertices=np.zeros((999, 3)))  # large arrays are given by shape
     whole = by_topic("/m", many)["/palpate/m"]
     assert json.loads(whole.fields["data"])["vertices"] == {"shape": [999, 3]}
 
 
-def test_own_type_is_mapped_by_its_schema(frame):
+def test_own_type_is_mapped_by_its_schema_and_each_message_has_its_topics(frame):
     own = type_of_schema(json.dumps(schema(TactileFrame)))
     message = own(**{name: getattr(frame, name) for name in TactileFrame.__dataclass_fields__})
     assert [*ros_messages("/own", message)] == [*ros_messages("/own", frame)]
-
-
-@pytest.mark.parametrize("kind", [World, LogRecord, ShapeModel])
-def test_every_message_has_topics_of_its_own(kind):
-    messages = [*ros_messages("/x", example(kind))]
-    assert len({one.topic for one in messages}) == len(messages)
-    assert all(one.topic.startswith("/palpate/x") for one in messages)
+    for kind in (World, LogRecord, ShapeModel):
+        topics = [one.topic for one in ros_messages("/x", example(kind))]
+        assert len({*topics}) == len(topics)
+        assert all(topic.startswith("/palpate/x") for topic in topics)
 
 
 class Profile(NamedTuple):

@@ -2,6 +2,7 @@
 
 import shutil
 import subprocess
+from itertools import product
 
 import numpy as np
 import pytest
@@ -12,10 +13,6 @@ from palpate.tools.cli.command_line import run
 from palpate.tools.film.film import make_film
 from palpate.tools.view.rasteriser import Camera, Canvas, camera_on
 from palpate.tools.view.timeline import Timeline
-
-
-def silent(_):
-    """Takes progress."""
 
 
 def frames_of(path):
@@ -42,9 +39,7 @@ def test_film_shows_the_exploration_from_beginning_to_end(frames):
     pixels = [(scene != 255).any(axis=2).sum() for scene in scenes]
     assert pixels[-1] > 5000 and max(pixels[:3]) < pixels[-1]
     assert len({frame.tobytes() for frame in frames}) == 10
-
-
-def test_last_frames_show_the_colours_of_deviation(frames):
+    # The last show the colours of deviation.
     purple = [(frame[:330, :390].astype(int) @ [1, -2, 1] > 40).sum() for frame in frames]
     assert purple[-1] > 300 and max(purple[:7]) < purple[-1] / 3
 
@@ -53,7 +48,7 @@ def test_texts_stay_off_the_edges_of_a_film(line, tmp_path):
     scores, estimates = line.scores, line.estimates
     long = Timeline(known=line.known, grasps=200 * line.grasps, scores=scores, estimates=estimates)
     long.touches = [touch._replace(time=1e4 * touch.time) for touch in line.touches]
-    make_film(long, tmp_path / "long.gif", seconds=0.4, say=silent)
+    make_film(long, tmp_path / "long.gif", seconds=0.4, say=print)
     for picture in frames_of(tmp_path / "long.gif"):
         assert (picture[:, -640 // 50 :] == 255).all()
         assert (picture[-2:, -640 // 3 :] == 255).all()
@@ -63,7 +58,7 @@ def test_texts_stay_off_the_edges_of_a_film(line, tmp_path):
 @pytest.mark.skipif(shutil.which("ffmpeg") is None, reason="needs ffmpeg")
 def test_mp4_has_its_length_and_rate(line, tmp_path):
     path = tmp_path / "run.mp4"
-    make_film(line, path, seconds=0.5, say=silent)
+    make_film(line, path, seconds=0.5, say=print)
     probe = ["ffprobe", "-v", "error", "-count_frames", "-show_entries"]
     probe += ["stream=width,height,nb_read_frames,r_frame_rate", "-of", "csv=p=0", str(path)]
     result = subprocess.run(probe, capture_output=True, text=True, check=True)
@@ -76,12 +71,12 @@ def test_failed_film_leaves_no_file(line, tmp_path, monkeypatch):
     program.write_text("#!/bin/sh\necho no such codec >&2\nexit 1\n")
     program.chmod(0o755)
     with pytest.raises(InputError, match="ffmpeg failed: no such codec"):
-        make_film(line, tmp_path / "run.mp4", seconds=0.1, say=silent)
+        make_film(line, tmp_path / "run.mp4", seconds=0.1, say=print)
     monkeypatch.setattr("shutil.which", lambda _: None)
     with pytest.raises(InputError, match="mp4 needs ffmpeg, which is not installed"):
-        make_film(line, tmp_path / "run.mp4", say=silent)
+        make_film(line, tmp_path / "run.mp4", say=print)
     with pytest.raises(InputError, match="no touches"):
-        make_film(Timeline(), tmp_path / "run.gif", say=silent)
+        make_film(Timeline(), tmp_path / "run.gif", say=print)
     assert [path.name for path in tmp_path.iterdir()] == ["ffmpeg"]
 
 
@@ -127,14 +122,27 @@ def test_square_covers_the_pixels_of_its_perspective():
     assert red.sum(axis=0).max() == pytest.approx(side, abs=1.0)
     rows, columns = np.nonzero(red)
     assert (rows.mean(), columns.mean()) == pytest.approx((49.5, 99.5), abs=0.6)
+    canvas = Canvas(40, 40, FRONT)
+    for away in ([20.0, 0, 0], [0.0, 50, 0]):  # behind the eye, and beside the picture
+        canvas.draw_mesh(SQUARE + away, HALVES, RED, lit=False)
+        canvas.draw_points(np.array([away]), RED, 3.0)
+    canvas.draw_line(np.zeros((1, 3)), RED, 2.0)
+    assert (canvas.image() == 255).all()
 
 
-def test_camera_axes_are_a_right_handed_frame():
+def test_camera_axes_are_a_right_handed_frame_and_see_all_of_a_box():
     axes = Camera(np.zeros(3), 1.0, azimuth=90.0, elevation=0.0).axes()
     assert axes == pytest.approx(np.array([[-1, 0, 0], [0, 0, 1], [0, 1, 0]]))  # right, up, back
     for azimuth, elevation in ((20.0, 50.0), (-170.0, -80.0)):
         axes = Camera(np.zeros(3), 1.0, azimuth=azimuth, elevation=elevation).axes()
         assert axes @ axes.T == pytest.approx(np.eye(3)) and np.linalg.det(axes) > 0.0
+    low, high = np.array([0.0, 0, 0]), np.array([0.3, 0.1, 0.5])
+    corners = np.array(np.meshgrid(*zip(low, high, strict=True))).reshape(3, -1).T
+    for azimuth, elevation in product(range(0, 360, 30), (-60.0, 0.0, 45.0)):
+        camera = camera_on(low, high, azimuth=float(azimuth), elevation=elevation)
+        canvas = Canvas(100, 100, camera)
+        flat = canvas.project(corners)[:, :2]
+        assert flat.min() >= 0.0 and flat.max() <= 100 * canvas.settings.supersampling
 
 
 @pytest.mark.parametrize("order", [1, -1])
@@ -146,7 +154,7 @@ def test_nearer_surface_hides_the_farther_one(order):
     assert (picture[40, 36] == RED).all() and (picture[40, 44] == GREEN).all()
 
 
-def test_colours_run_evenly_between_corners():
+def test_colours_run_evenly_between_corners_and_are_bright_towards_the_light():
     colours = np.zeros((4, 3))
     colours[[1, 2], 0] = 200.0
     far = Camera(np.zeros(3), 1000.0, 0.0, 0.0, opening=0.12)
@@ -154,6 +162,11 @@ def test_colours_run_evenly_between_corners():
     inside = np.flatnonzero(row[:, 1] == 0)
     shares = (inside - inside[0]) / (inside[-1] - inside[0])
     assert np.abs(row[inside, 0] - 200.0 * shares).max() < 3.0
+    front, side = (
+        drawn((square, np.full(3, 200)), lit=True)[30, 30, 0]
+        for square in (SQUARE, turned(0.2, -0.98))
+    )
+    assert side < front
 
 
 def test_back_faces_of_a_closed_mesh_change_nothing():
@@ -167,14 +180,6 @@ def test_back_faces_of_a_closed_mesh_change_nothing():
     assert (pictures[0] == pictures[1]).all() and (pictures[0] != 255).any()
 
 
-def test_lit_face_is_brighter_towards_the_light():
-    grey = np.array([200, 200, 200])
-    front, side = (
-        drawn((square, grey), lit=True)[30, 30, 0] for square in (SQUARE, turned(0.2, -0.98))
-    )
-    assert side < front
-
-
 @pytest.mark.parametrize(("depth", "seen"), [(0.0, True), (-0.5, False)])
 def test_points_and_lines_are_hidden_behind_surfaces(depth, seen):
     place = np.array([[depth, 0.0, 0.0]])
@@ -184,24 +189,13 @@ def test_points_and_lines_are_hidden_behind_surfaces(depth, seen):
     assert (canvas.image()[30, 30] == GREEN).all() == seen
     canvas.draw_line(place + [[0, -0.5, 0.3], [0, 0.5, 0.3]], GREEN, 2.0)
     assert bool((canvas.image()[24:28] == GREEN).all(axis=2).any()) == seen
-
-
-def test_closed_line_has_one_side_more():
+    # A closed line has one side more.
     counts = []
     for closed in (False, True):
         canvas = Canvas(80, 80, FRONT)
         canvas.draw_line(SQUARE * 0.5, RED, 1.0, closed=closed)
         counts.append(int((canvas.image() != 255).any(axis=2).sum()))
     assert counts[1] == pytest.approx(counts[0] * 4 / 3, rel=0.1)
-
-
-def test_points_outside_the_view_are_not_drawn():
-    canvas = Canvas(40, 40, FRONT)
-    for away in ([20.0, 0, 0], [0.0, 50, 0]):  # behind the eye, and beside the picture
-        canvas.draw_mesh(SQUARE + away, HALVES, RED, lit=False)
-        canvas.draw_points(np.array([away]), RED, 3.0)
-    canvas.draw_line(np.zeros((1, 3)), RED, 2.0)
-    assert (canvas.image() == 255).all()
 
 
 def test_layer_is_blended_where_it_is_nearer():
@@ -211,14 +205,3 @@ def test_layer_is_blended_where_it_is_nearer():
     base.blend(layer, 0.5)
     assert base.image()[30, 30].tolist() == [128, 128, 0]
     assert (base.image()[18, 18] == RED).all()
-
-
-def test_camera_on_a_box_sees_all_of_it():
-    low, high = np.array([0.0, 0, 0]), np.array([0.3, 0.1, 0.5])
-    corners = np.array(np.meshgrid(*zip(low, high, strict=True))).reshape(3, -1).T
-    for azimuth in range(0, 360, 30):
-        for elevation in (-60.0, 0.0, 45.0):
-            camera = camera_on(low, high, azimuth=float(azimuth), elevation=elevation)
-            canvas = Canvas(100, 100, camera)
-            flat = canvas.project(corners)[:, :2]
-            assert flat.min() >= 0.0 and flat.max() <= 100 * canvas.settings.supersampling

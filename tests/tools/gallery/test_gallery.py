@@ -38,7 +38,7 @@ def test_figure_equals_stored_picture(name):
     assert 0.01 < (middle != 255).any(axis=1).mean() < 0.99
 
 
-def test_page_shows_every_figure_with_its_caption():
+def test_page_shows_every_figure_of_the_thesis_with_its_caption():
     shown = {}
     for picture, line in pairwise((DOCS / "gallery.md").read_text().split("\n\n")):
         if match := re.fullmatch(r"!\[(.{8,})\]\(gallery/(\w+)\.png\)", picture):
@@ -51,8 +51,6 @@ def test_page_shows_every_figure_with_its_caption():
     assert {*sizes} == {*FIGURES}
     assert max(sizes.values()) <= 100_000 and sum(sizes.values()) <= 1_500_000
 
-
-def test_figures_are_found_by_name_or_thesis_number():
     assert find_figures(["5.12", "bernstein", "example_1", "2.4"]) == ["example_1", "bernstein"]
     assert find_figures([]) == list(FIGURES)
     numbers = [number for figure in FIGURES.values() for number in figure.numbers]

@@ -45,9 +45,7 @@ def test_shipped_objects_are_closed_and_of_hand_size():
     assert {name: genera[name] for name in holed} == dict.fromkeys(holed, 1)
     assert genera["plate_with_holes"] == 3
     assert genera["plate_with_pits"] == 0
-
-
-def test_stored_models_belong_to_these_objects_and_features():
+    # The stored models belong to these objects and features.
     assert MODELS is not None, "learn the shipped objects again: see docs/recognition.md"
     assert MODELS.names == tuple(SHIPPED.entries)
     assert MODELS.means.shape == (len(SHIPPED.entries), len(FEATURES))
@@ -58,9 +56,8 @@ def test_stored_models_belong_to_these_objects_and_features():
 def test_learning_again_gives_stored_models():
     assert MODELS is not None
     names = ("gem", "mug", "die")
-    few = object_database.ObjectDatabase(
-        SHIPPED.path, {name: SHIPPED.entries[name] for name in names}
-    )
+    entries = {name: SHIPPED.entries[name] for name in names}
+    few = object_database.ObjectDatabase(SHIPPED.path, entries)
     again = object_database.learn_models(few, lambda _: None)
     which = [MODELS.names.index(name) for name in names]
     off = (again.means - MODELS.means[which]) / MODELS.deviations[which]
@@ -160,21 +157,14 @@ def test_mesh_file_is_recognised_in_its_unit(folder):
     assert recognise(path)["object"] == "egg" and recognise(path, unit="cm")["object"] == NONE
 
 
-@pytest.mark.parametrize(
-    ("name", "content", "words"),
-    [
-        ("none", None, "does not exist"),
-        ("", None, "holds no rebuilt solid: there is no mesh.ply in it"),
-        ("a.txt", b"1 2 3", "'txt' is no mesh format"),
-    ],
-)
-def test_files_without_a_solid_are_refused(tmp_path, refusal, name, content, words):
-    if content is not None:
-        (tmp_path / name).write_bytes(content)
-    assert words in refusal("recognise", tmp_path / name)
-
-
-def test_surface_that_bounds_no_solid_is_refused(tmp_path):
+def test_files_without_a_solid_are_refused(tmp_path, refusal):
+    (tmp_path / "a.txt").write_text("1 2 3")
+    for name, words in (
+        ("none", "does not exist"),
+        ("", "holds no rebuilt solid: there is no mesh.ply in it"),
+        ("a.txt", "'txt' is no mesh format"),
+    ):
+        assert words in refusal("recognise", tmp_path / name)
     vertices, faces = copy_of("egg")
     write_mesh(tmp_path / "open.ply", vertices, faces[:3])
     with pytest.raises(InputError, match=r"open.ply: "):

@@ -46,10 +46,8 @@ def test_new_parameter_changes_only_dependent_values(run_folder):
 
 @pytest.mark.slow
 def test_replay_with_a_parameter_equals_a_run_with_it(run_folder, tmp_path):
-    setting = {
-        "filter.contact": SourceMapped(300e-6, ""),
-        "planner.most_touches": SourceMapped(40, ""),
-    }
+    values = {"filter.contact": 300e-6, "planner.most_touches": 40}
+    setting = {name: SourceMapped(value, "") for name, value in values.items()}
     args = {"scene": SourceMapped(str(run_folder / "scene.yaml"), "")}
     plan = plan_run(EXPLORE, args, setting, name="ball", out=tmp_path / "run")
     other = perform(plan, composed=True, display=Display()).folder
@@ -83,25 +81,19 @@ def test_changed_filter_is_found_out(run_folder, monkeypatch):
     assert " compression[6, 4]: recorded " in " ".join(lines[0].split())
 
 
-def test_replay_command_takes_folder_and_parameters(run_folder, call):
+def test_replay_command_takes_folder_and_parameters(run_folder, call, refusal):
     verb = ["replay --nodes", "filter, curvature", run_folder]
     assert call(*verb, "--set", "filter.order=auto").out.count(": identical, ") == 2
     code, out, _ = call(*verb, "--set", "filter.order=none", "--set", "filter.contact=100e-6")
     assert code == 0 and "\n/touch/image  mask " in out
-
-
-@pytest.mark.parametrize(
-    ("setting", "words"),
-    [
+    for setting, words in (  # refused in the words of run
         ("filter.order=median-frist", "filter.order is 'median-frist'; expected one of auto, "),
         ("filter.oder=median", "unknown key 'oder' in filter; did you mean 'order'?"),
         ("filter.contact=1", "filter.contact is 1"),
-    ],
-)
-def test_replay_refuses_settings_in_the_words_of_run(run_folder, refusal, setting, words):
-    message = refusal("replay --nodes filter --set", setting, run_folder)
-    assert message.startswith(f"palpate: --set {setting}: {words}")
-    assert message == refusal("run vase --set", setting)
+    ):
+        message = refusal("replay --nodes filter --set", setting, run_folder)
+        assert message.startswith(f"palpate: --set {setting}: {words}")
+        assert message == refusal("run vase --set", setting)
 
 
 def test_resumption_repeats_earlier_decisions(run_folder, tmp_path):

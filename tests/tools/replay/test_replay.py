@@ -173,11 +173,9 @@ def test_first_difference_is_named(play, messages, line):
 def test_failed_node_publishes_nothing_more(play, chain):
     messages = exchanged(6, ("/a", log(1000.0)))
     for settings in ((), ["adder.gain=2"]):  # whatever is set
-        code, (verdict_line, *_) = play(messages, settings=settings)
-        assert code == 1 and verdict_line.endswith("in pass_on)")
-        assert verdict_line.startswith(
-            "adder: fails, ArithmeticError handling /a 2 from source: no more ("
-        )
+        code, (line, *_) = play(messages, settings=settings)
+        assert code == 1 and line.endswith("in pass_on)")
+        assert line.startswith("adder: fails, ArithmeticError handling /a 2 from source: no more (")
     published = [(topic, 1000.0 if (topic, k) == ("/a", 2.0) else k) for topic, k in PUBLISHED]
     assert chain(published=published)[1][1:] == [
         "second: differs, /c 1: recorded, but not published again",
@@ -239,23 +237,18 @@ def test_recordings_that_cannot_be_replayed_are_refused(play, tmp_path):
         replay(tmp_path / "none.mcap")
 
 
-def test_subscribers_receive_messages_published_now(chain):
-    assert chain("first.gain=3") == (
-        0,
-        [
-            "first: differs, /b 0 robot_time: recorded 2.0, now 3.0",
-            "second: differs, /c 0 robot_time: recorded 4.0, now 6.0",
-            HEAD,
-            "/b robot_time 3 3 0 3 2.16 s",  # 1, 2 and 3
-            "/c robot_time 3 3 0 6 4.32 s",
-        ],
-    )
+def test_subscribers_receive_what_is_published_now_and_miss_what_is_not(chain):
+    code, lines = chain("first.gain=3")
+    assert code == 0 and lines == [
+        "first: differs, /b 0 robot_time: recorded 2.0, now 3.0",
+        "second: differs, /c 0 robot_time: recorded 4.0, now 6.0",
+        HEAD,
+        "/b robot_time 3 3 0 3 2.16 s",  # 1, 2 and 3
+        "/c robot_time 3 3 0 6 4.32 s",
+    ]
     moved = [(topic, value + (topic == "/b")) for topic, value in PUBLISHED]
     difference = "second: differs, /c 0 robot_time: recorded 4.0, now 6.0"  # of the recorded /b
     assert chain(published=moved, nodes=["second"])[1][0] == difference
-
-
-def test_shortages_and_surpluses_are_reported(chain):
     assert chain("first.copies=0")[1][1:] == [
         "second: differs, /c 0: recorded, but not published again",
         "second: received 3 fewer messages on /b than recorded: first publishes no more",
@@ -275,47 +268,39 @@ def test_shortages_and_surpluses_are_reported(chain):
     ]
 
 
-@pytest.mark.parametrize(
-    ("setting", "words"),
-    [
+def test_settings_of_other_nodes_are_refused(chain):
+    for setting, words in (
         ("first.gain=3", "'first' is not among the nodes to run again: second; add it to"),
         ("frist.gain=3", "there is no node 'frist'; known: second"),
         ("gain=1", "must look like planner.tolerance=0.2e-3"),
-    ],
-)
-def test_settings_of_other_nodes_are_refused(chain, setting, words):
-    with pytest.raises(ValueError) as caught:
-        chain(setting, nodes=["second"])
-    assert str(caught.value).startswith(f"--set {setting}: {words}")
+    ):
+        with pytest.raises(ValueError) as caught:
+            chain(setting, nodes=["second"])
+        assert str(caught.value).startswith(f"--set {setting}: {words}")
 
 
-@pytest.mark.parametrize(("setting", "both"), [("link_2.gain=3", False), ("link.gain=3", True)])
-def test_setting_without_number_means_all_fingers(play, setting, both):
-    heard, outs = [("source", "/a", "LogRecord")], ("/finger_1/out", "/finger_2/out")
-    links = [
-        wiring(f"link_{n}", "links", Params(), heard, out=out) for n, out in enumerate(outs, 1)
-    ]
-    messages = [("/a", log(1.0)), *((out, log(2.0)) for out in outs)]
-    types = dict.fromkeys(("/a", *outs), "LogRecord")
-    names = [one.name for one in links]
-    code, lines = play(messages, names, [setting], describe(*links), types=types)
-    differs = "differs, /finger_1/out" if both else "identical, 1"
-    assert code == 0 and lines[0].startswith(f"link_1: {differs}")
-    assert lines[1].startswith("link_2: differs")
+def test_setting_without_number_means_all_fingers(play):
+    heard, outs = [("source", "/a", "LogRecord")], {1: "/finger_1/out", 2: "/finger_2/out"}
+    links = [wiring(f"link_{n}", "links", Params(), heard, out=out) for n, out in outs.items()]
+    messages = [("/a", log(1.0)), *((out, log(2.0)) for out in outs.values())]
+    types = dict.fromkeys(("/a", *outs.values()), "LogRecord")
+    names, about = [one.name for one in links], describe(*links)
+    for setting, first in (
+        ("link_2.gain=3", "identical, 1"),
+        ("link.gain=3", "differs, /finger_1"),
+    ):
+        code, lines = play(messages, names, [setting], about, types=types)
+        assert code == 0 and lines[0].startswith(f"link_1: {first}")
+        assert lines[1].startswith("link_2: differs")
 
 
-@pytest.mark.parametrize(
-    ("goals", "answers", "answered"),
-    [
-        ([10, 11, 12, 13], [5, 20, 30], 2),  # one answer came before any goal
-        ([10, 11], [20, 21, 22, 23], 2),  # several answers to a goal
-        ([], [5], 0),
-        ([], [], 0),
-    ],
-)
-def test_resumed_node_that_acts_repeats_only_unanswered_goals(
-    record, module, goals, answers, answered
-):
+@pytest.mark.parametrize(("goals", "answers", "answered"), [
+    ([10, 11, 12, 13], [5, 20, 30], 2),  # one answer came before any goal
+    ([10, 11], [20, 21, 22, 23], 2),  # several answers to a goal
+    ([], [5], 0),
+    ([], [], 0),
+])  # fmt: skip
+def test_resumed_node_repeats_only_unanswered_goals(record, module, goals, answers, answered):
     def quiet(params, state, message):
         return state, []
 
@@ -398,7 +383,7 @@ def note(count, then, now):
     return {"count": count, "then": then, "now": now}
 
 
-def test_numbers_are_measured_in_their_unit(changed):
+def test_numbers_are_measured_in_their_unit_and_extreme_ones_too(compare, changed):
     changes = changed(IMAGE, compression=np.array([[0.0, 3e-5], [0.0, -4e-5]]), impulses=2)
     assert list(changes) == ["compression", "impulses"]
     assert changes["compression"] == {
@@ -406,13 +391,12 @@ def test_numbers_are_measured_in_their_unit(changed):
         "rms": pytest.approx(2.5e-5, rel=1e-12),
     }  # fmt: skip
     assert [changes["impulses"][key] for key in ("unit", "largest", "rms")] == ["#", 2.0, 2.0]
-
-
-def test_several_messages_add_up_to_one_change(compare):
-    now = [replace(IMAGE, robot_time=time) for time in (1.0, 4.0, 1.0, -3.0)]
-    change = compare([IMAGE] * 4, now)["robot_time"]
-    assert (change["differ"], change["first"], change["largest"]) == (2, 1, 4.0)
-    assert change["rms"] == pytest.approx(np.sqrt((9 + 16) / 2), rel=1e-12)
+    changes = changed(IMAGE, compression=-IMAGE.compression)  # zeros that change their sign
+    assert (changes["compression"]["differ"], changes["compression"]["largest"]) == (1, 0.0)
+    far = replace(IMAGE, compression=np.full((2, 2), 1e308))
+    opposite = replace(far, compression=-far.compression)
+    assert compare([far], [opposite])["compression"]["largest"] is None
+    assert " inf  inf  m" in compare([far], [opposite], as_json=False)[-1]
 
 
 def test_parts_with_units_of_their_own_are_kept_apart(changed):
@@ -446,7 +430,11 @@ def test_changes_without_a_size_are_counted(changed, message, field, value, note
                              "notes": notes}}  # fmt: skip
 
 
-def test_first_of_many_changes_is_shown(compare):
+def test_several_messages_add_up_to_one_change_and_the_first_is_shown(compare):
+    now = [replace(IMAGE, robot_time=time) for time in (1.0, 4.0, 1.0, -3.0)]
+    change = compare([IMAGE] * 4, now)["robot_time"]
+    assert (change["differ"], change["first"], change["largest"]) == (2, 1, 4.0)
+    assert change["rms"] == pytest.approx(np.sqrt((9 + 16) / 2), rel=1e-12)
     then = [replace(DONE, rms_bound_95=one) for one in (None, None, 0.5, 0.5)]
     now = [replace(DONE, rms_bound_95=one, number=2) for one in (0.5, None, None, 0.25)]
     bound = compare(then, now)["rms_bound_95"]
@@ -455,29 +443,17 @@ def test_first_of_many_changes_is_shown(compare):
     assert values == [3, 0, 0.25, "m"]
 
 
-def test_tables_are_compared_by_their_keys(changed, tetrahedron):
+def test_tables_are_compared_by_their_keys_and_odd_bodies_by_their_bytes(compare, changed,
+                                                                         tetrahedron):  # fmt: skip
     changes = changed(tetrahedron, health={"condition": 4.0, "folds": 0.0})
     assert list(changes) == ["health", "health['condition']"]
     assert changes["health"]["notes"] == {"keys": note(1, "['fallbacks']", "['folds']")}
     assert changes["health['condition']"]["largest"] == 0.5
-
-
-def test_extreme_numbers_are_measured(compare, changed):
-    changes = changed(IMAGE, compression=-IMAGE.compression)  # zeros that change their sign
-    assert (changes["compression"]["differ"], changes["compression"]["largest"]) == (1, 0.0)
-    far = replace(IMAGE, compression=np.full((2, 2), 1e308))
-    opposite = replace(far, compression=-far.compression)
-    assert compare([far], [opposite])["compression"]["largest"] is None
-    assert " inf  inf  m" in compare([far], [opposite], as_json=False)[-1]
-
-
-def test_bodies_that_differ_in_their_bytes_alone_are_counted(compare):
-    body = encode(IMAGE)
-    turned = msgpack.packb(dict(reversed(msgpack.unpackb(body).items())))
+    turned = msgpack.packb(dict(reversed(msgpack.unpackb(encode(IMAGE)).items())))
     assert compare([turned], [IMAGE])["bytes"]["notes"]["byte"]["count"] == 1
-    note = compare([b"\x80"], [IMAGE])["bytes"]["notes"]["byte"]
-    assert note["then"] == "1 bytes"
-    assert note["now"].startswith("not a TactileImage: missing field goal")
+    changes = compare([b"\x80"], [IMAGE])["bytes"]["notes"]["byte"]
+    assert changes["then"] == "1 bytes"
+    assert changes["now"].startswith("not a TactileImage: missing field goal")
 
 
 def test_table_shows_sizes_units_and_notes(compare):

@@ -49,11 +49,8 @@ def sections(text: str) -> dict[str, str]:
 def test_sections_hold_the_figures_of_the_run(text, run_folder):
     by_heading, summary = sections(text), json.loads((run_folder / "summary.json").read_text())
     assert list(by_heading) == SECTIONS
-    for words in (
-        f"{1e3 * summary['rms_m']:.3f} mm",
-        f"{1e3 * summary['sampling_floor_m']:.3f} mm",
-        f">{summary['touches']}<",
-    ):
+    lengths = [f"{1e3 * summary[name]:.3f} mm" for name in ("rms_m", "sampling_floor_m")]
+    for words in (*lengths, f">{summary['touches']}<"):
         assert words in by_heading["What was found"]
     assert all(f"<td >{node}</td>" in by_heading["Load and latency"] for node in summary["nodes"])
     assert "gaussian_noise" in by_heading["Effects"] and "sigma 5e-06 m" in by_heading["Effects"]
@@ -118,10 +115,8 @@ def test_packed_view_holds_the_run_to_half_a_step(text, run_folder):
     for name in {one["layer"] for one in shown["drawables"]} | {"touched"}:
         assert f'background: {LAYERS[name].colour}"></i> {LAYERS[name].label}</label>' in text
 
-
-def test_packed_colours_are_deviation_and_uncertainty(text, run_folder):
-    line, packed = read_timeline(run_folder), Packed(text)
-    model = [one for one in packed.described["drawables"] if one["layer"] == "solid"][-1]
+    # Colours are deviation and uncertainty.
+    model = [one for one in shown["drawables"] if one["layer"] == "solid"][-1]
     truth = {
         "deviation": line.surface.deviations(line.models[-1].vertices),
         "uncertainty": uncertainties(line.models[-1]),
@@ -143,16 +138,14 @@ def folder(run_folder, tmp_path):
     return tmp_path / "run"
 
 
-def edited(path, pattern, replacement):
-    text = path.read_text()
-    changed = re.sub(pattern, replacement, text)
-    assert changed != text
-    path.write_text(changed)
-
-
 @pytest.mark.slow
 def test_missing_parts_leave_their_sections_out(folder):
-    (folder / "launch.yaml").write_text("nodes: {a: {kind: gone.module}}\n")
+    launch, text = folder / "launch.yaml", (folder / "launch.yaml").read_text()
+    plain, number = re.subn(r"\n( +)effects:\n(?:\1 +.*\n)+", r"\n\1effects: {}\n", text)
+    launch.write_text(plain)
+    assert number == 1
+    none_simulated = [sections(report_of(folder))["Effects"]]
+    launch.write_text("nodes: {a: {kind: gone.module}}\n")
     by_heading = sections(report_of(folder))
     assert "The object" in by_heading and not {"Graph", "Effects"} & by_heading.keys()
     (folder / "topics.mcap").unlink()
@@ -160,14 +153,8 @@ def test_missing_parts_leave_their_sections_out(folder):
     assert '<script type="application/json">' not in text
     assert not {"The object", "Contours", "Effects"} & sections(text).keys()
     assert {"What was found", "What accuracy cost"} <= sections(text).keys()
-
-
-@pytest.mark.slow
-def test_run_without_effects_says_that_none_was_simulated(folder):
-    edited(folder / "launch.yaml", r"\n( +)effects:\n(?:\1 +.*\n)+", r"\n\1effects: {}\n")
-    with_recording = sections(report_of(folder))["Effects"]
-    (folder / "topics.mcap").unlink()
-    for section in (with_recording, sections(report_of(folder))["Effects"]):
+    launch.write_text(plain)
+    for section in (*none_simulated, sections(report_of(folder))["Effects"]):
         assert "gaussian_noise" not in section and "cast" not in section
 
 
@@ -177,11 +164,9 @@ def test_texts_of_users_are_no_markup_and_log_shows_warnings(folder):
     summary |= {"scene": "<b>& \ud800 vase", "reason": "<script>alert(1)</script>"}
     (folder / "summary.json").write_text(json.dumps(summary | {"missed": ["<i>"]}))
     (folder / "scene.yaml").write_bytes(b"\xff")
-    lines = [
-        {"level": level, "node": "filter", "text": f"a {level} of mine"}
-        for level in ("info", "warning", "error")
-    ]
-    (folder / "log.jsonl").write_text("".join(json.dumps(one) + "\n" for one in lines))
+    line = '{{"level": "{0}", "node": "filter", "text": "a {0} of mine"}}\n'
+    text = "".join(map(line.format, ("info", "warning", "error")))
+    (folder / "log.jsonl").write_text(text)
     text = report_of(folder)
     assert "&lt;b&gt;&amp; ? vase" in text
     assert "<script>alert" not in text and "<i>" not in text
@@ -264,11 +249,8 @@ def faulty(messages):
 @pytest.mark.slow
 def test_diagnostics_lead_to_places_and_times(folder):
     kept = open_decoded(folder)
-    messages = [
-        (place_of_touch.topic, place_of_touch.message) for place_of_touch in kept.published()
-    ]
-    about = kept.recording.about
-    write_recording(folder / "topics.mcap", [*faulty(messages)], about=about)
+    messages = [(one.topic, one.message) for one in kept.published()]
+    write_recording(folder / "topics.mcap", [*faulty(messages)], about=kept.recording.about)
     summary = json.loads((folder / "summary.json").read_text())
     places = {"open_places_m": [[0.01, 0, 0.02]]}
     (folder / "summary.json").write_text(json.dumps(summary | places))
@@ -283,15 +265,11 @@ def test_diagnostics_lead_to_places_and_times(folder):
     stuck = by_text["contour 99: stuck"]
     assert stuck["point"] == pytest.approx(first.points[-1].tolist())
     assert f"contour {first.id}: it crosses itself" in by_text
-    assert by_text["1: the widest"] == {
-        "time": line.end,
-        "point": [0.01, 0, 0.02],
-    }
+    assert by_text["1: the widest"] == {"time": line.end, "point": [0.01, 0, 0.02]}
     assert "a pad touched nothing there" in by_text
     for number, words in ((3, "residual 1000"), (5, "insufficient"), (7, "bottomed")):
-        touch = line.touches[number]
-        (place_of_touch,) = (place for text, place in by_text.items() if words in text)
-        assert place_of_touch["time"] == pytest.approx(touch.time)
+        (place,) = (place for text, place in by_text.items() if words in text)
+        assert place["time"] == pytest.approx(line.touches[number].time)
     for kind in ("gaps in contours", "contours that did not close", "touches that fit badly"):
         assert kind in section
 

@@ -45,24 +45,18 @@ def table(folder):
         return list(csv.DictReader(file))
 
 
-def asked(write, text):
-    return [dict(run.asked) for run in read_sweep(write("sweep.yaml", text)).runs]
-
-
-def test_grid_is_every_combination_with_seeds_innermost(write):
+def test_grid_and_list_give_every_combination_with_seeds_innermost(write):
     grid = "planner.tolerance: [1.0e-3, 0.5e-3], scene.sensor.pitch: [1.0e-3, 1.2e-3]"
-    found = asked(write, f"scene: sphere\nseeds: 2\ngrid: {{{grid}}}\n")
+    runs = read_sweep(write("sweep.yaml", f"scene: sphere\nseeds: 2\ngrid: {{{grid}}}\n")).runs
     keys = ("scene", "planner.tolerance", "scene.sensor.pitch", "seed")
-    assert [tuple(one.items()) for one in found] == [
+    assert [tuple(run.asked.items()) for run in runs] == [
         tuple(zip(keys, ("sphere", tolerance, pitch, seed), strict=True))
         for tolerance in (1e-3, 0.5e-3) for pitch in (1e-3, 1.2e-3) for seed in (0, 1)
     ]  # fmt: skip
-
-
-def test_list_entries_are_combined_with_the_rest_of_the_grid(write):
+    # Entries of a list are combined with the rest of the grid.
     text = "scene: [sphere, egg]\ngrid: {planner.planner: [predicted, fuzzy], fingers: [1, 2]}\n"
     text += "list:\n  - {}\n  - {planner.planner: uniform, planner.settings.count: 4}\n"
-    found = asked(write, text)
+    found = [run.asked for run in read_sweep(write("sweep.yaml", text)).runs]
     assert [one["scene"] for one in found] == ["sphere"] * 6 + ["egg"] * 6
     kinds = [(one["planner.planner"], one["fingers"]) for one in found[:6]]
     planners = ("predicted", "fuzzy", "uniform")
@@ -158,12 +152,7 @@ def test_interrupted_sweep_keeps_what_is_finished(sweep, tmp_path):
     answers = [RECORD, InputError("the disk is full")]
     with pytest.raises(InputError, match=r"the disk is full; 1 of 4 runs are finished and kept"):
         sweep(answer=lambda number: answers[number], out=tmp_path / "other")
-
-
-@pytest.mark.slow
-def test_another_file_keeps_the_runs_that_still_occur(sweep, tmp_path):
-    sweep()
-    said, out = [], tmp_path / "out"
+    said.clear()  # another file keeps the runs that still occur
     more = "scene: sphere\nlist: [{planner.tolerance: 0.5e-3}, {planner.tolerance: 0.4e-3}]\n"
     _, workers = sweep(more, say=said.append)
     assert said[0] == f"{out}: 2 runs, 1 finished already"
@@ -172,22 +161,18 @@ def test_another_file_keeps_the_runs_that_still_occur(sweep, tmp_path):
 
 
 @pytest.mark.slow
-def test_runs_of_dead_workers_are_begun_again(sweep, tmp_path):
+def test_runs_of_dead_workers_and_damaged_records_are_begun_again(sweep, tmp_path):
     done, workers = sweep(answer=lambda number: None if number in (0, 1) else RECORD)
     assert done.exit_code == 0 and len(workers.begun) == 6
     done, _ = sweep(answer=lambda _: None, out=tmp_path / "other")
     assert done.exit_code == 1
     assert {row["reason"] for row in table(tmp_path / "other")} == {"its worker died 3 times"}
     assert sweep(out=tmp_path / "other")[0].kept == 0
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("text", ["{", "[]", '{"exit_code": 0}', "\xff"])
-def test_missed_goals_are_kept_and_damaged_records_are_not(sweep, tmp_path, text):
-    done, _ = sweep(answer=lambda n: RECORD | {"exit_code": int(n == 1)})
-    assert done.exit_code == 1
-    next((tmp_path / "out" / "runs").glob("*/run.json")).write_text(text, encoding="latin-1")
-    assert sweep()[0].kept == 3
+    done, _ = sweep(answer=lambda n: RECORD | {"exit_code": int(n == 1)}, out=tmp_path / "missed")
+    assert done.exit_code == 1  # missed goals are kept
+    for text in (b"{", b"[]", b'{"exit_code": 0}', b"\xff"):
+        next((tmp_path / "missed" / "runs").glob("*/run.json")).write_bytes(text)
+        assert sweep(out=tmp_path / "missed")[0].kept == 3
 
 
 @pytest.mark.slow
@@ -217,10 +202,10 @@ def test_front_has_all_points_that_are_not_dominated(points):
     assert pareto_front(cost, error).tolist() == [not one for one in betters]
 
 
-@pytest.mark.parametrize("error", [[1.0, np.nan], [1.0, None], [np.inf, 1.0], [1.0], ["a", "b"]])
-def test_front_refuses_values_that_are_not_finite(error):
-    with pytest.raises(ValueError, match=r"must be finite numbers|dimensions"):
-        pareto_front([1.0, 2.0], error)
+def test_front_refuses_values_that_are_not_finite():
+    for error in ([1.0, np.nan], [1.0, None], [np.inf, 1.0], [1.0], ["a", "b"]):
+        with pytest.raises(ValueError, match=r"must be finite numbers|dimensions"):
+            pareto_front([1.0, 2.0], error)
 
 
 def test_text_shows_differing_settings_and_marks_front(sweep):
@@ -241,23 +226,14 @@ def parts_of(text, tag):
     return [one for one in root.iter() if one.tag.rpartition("}")[2] == tag]
 
 
-@pytest.fixture
-def page(sweep, tmp_path):
-    """The page of a sweep with these answers, in the order of its runs."""
-
-    def do(answers, text="scene: sphere\nseeds: {n}\n"):
-        text = text.replace("{n}", str(len(answers)))
-        sweep(text, lambda place: RECORD | answers[place], by_place=True)
-        return (tmp_path / "out" / "index.html").read_text()
-
-    return do
-
-
 COSTS = [{"rms_m": 1e-4 / n, "touches": 40 * n} for n in (1, 2, 3)]
 
 
-def test_page_leads_to_every_run_without_network(page, tmp_path):
-    text = page([COSTS[0], COSTS[1] | {"exit_code": 1}, COSTS[2], FAILED])
+def test_page_leads_to_every_run_without_network(sweep, tmp_path):
+    answers = [COSTS[0], COSTS[1] | {"exit_code": 1}, COSTS[2], FAILED]
+    four = "scene: sphere\nseeds: 4\n"
+    sweep(four, lambda place: RECORD | answers[place], by_place=True)
+    text = (tmp_path / "out" / "index.html").read_text()
     links = [one.get(f"{XLINK}href") or one.get("href") for one in parts_of(text, "a")]
     folders = {row["folder"] for row in table(tmp_path / "out")}
     assert {f"{one}/" for one in folders} <= {*links} and len(parts_of(text, "figure")) == 3
@@ -265,29 +241,26 @@ def test_page_leads_to_every_run_without_network(page, tmp_path):
     assert dots == 3 * len(SIZES) * ["1", "2", "3"] and len(parts_of(text, "tr")) == 5
     assert not re.search(r"https?://(?!www\.w3\.org)|src=|@import|url\((?!#)", text)
     assert "no <luck>" not in text and "1 run without a model" in text
+    sweep(four, lambda _: FAILED, out=tmp_path / "failed")
+    assert parts_of((tmp_path / "failed" / "index.html").read_text(), "figure") == []
 
 
-def drawn(rows, cost="touches"):
+def drawn(rows):
     """What is drawn of runs: their dots by ``gid``, and the steps of the fronts."""
-    figure, notes = draw_front(rows, cost, "scene", Path("x"), (600.0, 400.0))
+    figure, notes = draw_front(rows, "touches", "scene", Path("x"), (600.0, 400.0))
     [axes] = figure.axes
     dots = {one.get_gid(): one for one in axes.lines if one.get_gid()}
     assert {*dots} == {*notes}
     return axes, dots, [one for one in axes.lines if one.get_drawstyle() == "steps-post"]
 
 
-def row_of(number, **figures):
-    return Row(
-        number, {"scene": figures.pop("scene", "sphere")}, RECORD | {"folder": "f"} | figures
-    )
+def row_of(number, scene="sphere", **figures):
+    return Row(number, {"scene": scene}, RECORD | {"folder": "f"} | figures)
 
 
 def test_chart_shows_each_run_with_its_bound_and_the_front():
-    rows = [row_of(n, **one) for n, one in enumerate(COSTS, 1)]
-    rows += [
-        row_of(4, touches=200, rms_m=9e-5, rms_bound_95_m=None, exit_code=1),
-        row_of(5, **FAILED),
-    ]
+    doubtful = {"touches": 200, "rms_m": 9e-5, "rms_bound_95_m": None, "exit_code": 1}
+    rows = [row_of(n, **one) for n, one in enumerate((*COSTS, doubtful, FAILED), 1)]
     axes, dots, [front] = drawn(rows)
     for row in rows[:4]:
         [(x, y)] = dots[f"run{row.number}"].get_xydata()
@@ -301,15 +274,9 @@ def test_chart_shows_each_run_with_its_bound_and_the_front():
     assert [one.get_text() for one in axes.texts] == ["1", "2", "3"]
     assert axes.get_ylabel().endswith("error, mm") and axes.get_xlabel() == "touches"
 
-
-def test_several_scenes_have_fronts_of_their_own():
-    rows = [row_of(n, scene=scene, **COSTS[k])
-            for n, (scene, k) in enumerate(product(("sphere", "egg"), (0, 1)), 1)]  # fmt: skip
+    pairs = enumerate(product(("sphere", "egg"), COSTS[:2]), 1)  # scenes have their own fronts
+    rows = [row_of(n, scene=scene, **one) for n, (scene, one) in pairs]
     axes, dots, fronts = drawn(rows)
     assert axes.get_ylabel().endswith("error, % of the height")
     assert [len(one.get_xydata()) for one in fronts] == [3, 3]
     assert len({one.get_color() for one in (*fronts, *dots.values())}) == 2
-
-
-def test_page_of_failed_runs_has_no_pictures(page):
-    assert parts_of(page([FAILED]), "figure") == []

@@ -102,35 +102,27 @@ def test_seeking_shows_the_same_as_playing(view, seen):
     assert len({str(state) for state in played.values()}) > 10
 
 
-def test_future_events_are_not_shown(view, seen):
+def test_layers_show_what_was_known_and_are_chosen_by_name(view, seen):
     view.seek(0.0)
     assert seen.names() == set()
     view.seek(view.line.end)
     kinds = [name.split("/")[1] for name in seen.names()]
     assert {*kinds} == {"contours", "patch", "finger", "touched", "solid", "untouched"}
     assert kinds.count("contours") == len(view.line.contours)
-    moment = view.line.at(view.line.end)
-    drawn = {f"/{part.path}/{part.time}": part.shape for part in view.line.drawn(moment)}
+    parts = [*view.line.drawn(view.line.at(view.line.end))]
+    drawn = {f"/{part.path}/{part.time}": part.shape for part in parts}
     for name in (name for name in seen.names() if name.startswith("/contours/")):
         pieces, colour = seen.sources[name][:2]
         np.testing.assert_array_equal(pieces, drawn[name].pieces())
         assert colour == LAYERS["contours"].rgb
-
-
-def test_each_layer_can_be_chosen_by_its_name(view, seen):
-    view.seek(view.line.end)
     for name, layer in LAYERS.items():
         assert seen.controls[layer.label].value == layer.shown
         choose(view, seen, layer.label, True)
         shown = {path.split("/")[1] for path in seen.names()}
-        assert (name in shown) == (name in {drawable.layer for drawable in drawn_at_end(view.line)})
+        assert (name in shown) == (name in {part.layer for part in parts})
         assert f'{layer.colour}"></i> {layer.label}' in seen.text()
         choose(view, seen, layer.label, False)
     assert {path.split("/")[1] for path in seen.names()} == {"patch"}
-
-
-def drawn_at_end(line):
-    return line.drawn(line.at(line.end))
 
 
 def body_of(seen):
@@ -165,7 +157,7 @@ def test_colours_show_deviation_or_uncertainty(view, seen, server, run_folder):
     assert view.scene.scale is None and "the true solid is not known" in seen.text()
 
 
-def test_time_passes_at_its_speed_while_watched(view):
+def test_time_passes_at_its_speed_while_watched_or_by_touches(view, seen):
     view.pass_time(1.0)
     assert view.when == 0.0
     view.watched = True
@@ -180,9 +172,7 @@ def test_time_passes_at_its_speed_while_watched(view):
     assert (view.when, view.playing) == (view.line.end, False)
     view.toggle()
     assert (view.when, view.playing) == (0.0, True)
-
-
-def test_step_is_a_touch_and_pauses(view, seen):
+    # A step is a touch, and pauses.
     times = [touch.time for touch in view.line.touches]
     view.seek(times[4])
     view.step(1)
@@ -193,10 +183,8 @@ def test_step_is_a_touch_and_pauses(view, seen):
     view.seek(0.0)
     view.step(-1)
     assert view.when == 0.0
-
-
-def test_moved_slider_is_not_moved_back(view):
-    view.watched = True
+    # A slider that is moved is not moved back.
+    view.toggle()
     view.pass_time(0.5)
     view.panel.slider.value = 50.0  # its callback has not come yet
     view.pass_time(0.5)
@@ -218,13 +206,9 @@ def test_running_graph_is_followed_until_a_user_seeks(server, run_folder):
     view.toggle()
     view.pass_time(0.05)
     assert view.when == past.touches[-1].time
-
-
-def test_late_watcher_sees_the_run_from_its_beginning(server, run_folder):
-    line = read_timeline(run_folder)
     view = View(server, line, recorded=False, following=False)
     view.pass_time(10.0)
-    assert view.when == 0.0  # nobody has looked yet
+    assert view.when == 0.0  # nobody has looked yet: a late watcher sees it from its beginning
     view.watched = True
     view.pass_time(1.0)
     assert 0.0 < view.when < line.end
@@ -309,7 +293,7 @@ def test_order_of_arrival_does_not_matter(seed, messages, line):
     assert np.isfinite([touch.force for touch in line.touches]).any()
 
 
-def test_moments_only_grow_with_time(line):
+def test_moments_grow_with_time_and_touches_lie_on_the_true_surface(line):
     times = np.linspace(-1.0, line.end + 1.0, 500)
     moments = np.array([line.at(time) for time in times])
     assert (np.diff(moments, axis=0) >= 0).all() and not moments[0].any()
@@ -318,6 +302,9 @@ def test_moments_only_grow_with_time(line):
     for number, touch in enumerate(line.touches, 1):  # a touch is there from its end on
         assert line.at(touch.time).touches >= number
         assert line.at(np.nextafter(touch.time, 0.0)).touches < number
+    hits = [touch.points for touch in line.touches if touch.outcome == "hit"]
+    assert len(hits) > 10 and max(map(len, hits)) <= line.max_points
+    assert line.surface.deviations(np.concatenate(hits)).max() < 1e-4
 
 
 def test_touches_wait_for_the_sensor(messages, line):
@@ -331,12 +318,6 @@ def test_touches_wait_for_the_sensor(messages, line):
     model = next(some for some in messages if isinstance(some, ShapeModel))
     bare = replace(model, vertices=np.zeros((0, 3)), faces=np.zeros((0, 3), np.int32))
     assert timeline_of([bare]).models == []
-
-
-def test_touched_points_lie_on_the_true_surface(line):
-    hits = [touch.points for touch in line.touches if touch.outcome == "hit"]
-    assert len(hits) > 10 and max(map(len, hits)) <= line.max_points
-    assert line.surface.deviations(np.concatenate(hits)).max() < 1e-4
 
 
 def test_drawn_finger_is_closed_with_its_tip_at_the_pad():
