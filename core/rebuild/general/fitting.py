@@ -298,7 +298,7 @@ class Equations:
     def blocks(self, shares: Floats, smoothness: Floats, anchors: Floats) -> CellBlocks:
         """Sums of products of rows by cell, plus the penalties of each cell.
 
-        `shares` (k,) are factors of the points' rows. `smoothness` and `anchors` as in `CellBlocks`.
+        `shares` (k,): factors of the points' rows. `smoothness`, `anchors`: as in `CellBlocks`.
         """
         scale = np.array([self.scale.point, *[self.scale.normal] * 3])
         rows = shares / scale[:, None]
@@ -351,7 +351,8 @@ def fit_implicit(
     pulled = np.zeros(len(band.control))
     np.add.at(pulled, band.local, anchors[:, None] * (coarse[band.local] @ mass))
     shares = start.weights[equations.order]
-    factor = factorise(equations.dissection, equations.blocks(shares, weights.variation * third, anchors))
+    blocks = equations.blocks(shares, weights.variation * third, anchors)
+    factor = factorise(equations.dissection, blocks)
     right = equations.right_side(shares) + pulled
     control, moved = _solve(equations, factor, shares, right, start.displacements, settings)
     fit = with_residuals(equations, len(points.places), control, moved)
