@@ -363,7 +363,8 @@ def _swept_weights(known: Known, band: Band, cell: float) -> Floats:
     if known.free is not None and len(known.free):
         number = band.find(np.floor((known.free - known.origin) / cell).astype(np.int32))
         number = np.unique(number[number >= 0])
-        number = number[_are_untouched(known, band.cells[number] + 0.5, cell)]
+        middles = np.asarray(band.cells[number] + 0.5, np.float64)
+        number = number[_are_untouched(known, middles, cell)]
         weights[number] = (cell / known.settings.bands.swept) ** 2
     return weights
 
