@@ -34,8 +34,8 @@ Length = Annotated[float, Meta(gt=0, le=1, description="m")]
 class Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What the launch file may set."""
 
-    # Rule that chooses slices or touches: predicted, touches, uniform, thesis, fuzzy, or a user's
-    # own, ``module:Class``.
+    # Rule that chooses slices or touches: predicted, touches, uniform, thesis, fuzzy, learned, or a
+    # user's own, ``module:Class``.
     planner: str = "predicted"
     settings: dict[str, Any] = {}  # of the rule
     tolerance: Length = 0.2e-3  # requested root mean square error [m]

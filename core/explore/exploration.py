@@ -47,9 +47,8 @@ class GraspSettings:
     """How often the hand closes, and where it looks for the object."""
 
     enough_contacts: int = 60  # contacts after which the hand stops
-    # The same for an object of known shape that was turned over; and after these fitted no pose.
-    turned_contacts: int = 48
-    lost_contacts: int = 96
+    turned_contacts: int = 48  # the same after the object, whose shape is known, was turned over
+    lost_contacts: int = 96  # the same once its contacts since the turn have fitted no pose
     max_grips: int = 30  # closings since the first contact
     search_spacing: float = 12e-3  # [m] between places of the search; less than a pad's width
     opening: float = 0.8  # [reach of a pad] from the hand's middle to its open fingertips
@@ -66,8 +65,8 @@ class GraspSettings:
 class GoalSettings:
     """When tasks and models are due, and the limits of a task."""
 
-    # A contour is given up after `min_contour_touches` more than go `contour_turns` times around
-    # the longest perimeter so far, at `touch_advance` [pad widths] for each touch.
+    # A contour is given up after `min_contour_touches`, plus the touches that it takes to go
+    # `contour_turns` times along the longest perimeter so far by `touch_advance` [pad widths] each.
     min_contour_touches: int = 20
     contour_turns: float = 1.6
     touch_advance: float = 0.5

@@ -31,9 +31,9 @@ class SweepSettings:
     """Which space a move of a pad frees."""
 
     voxel: float = 2.5e-3  # [m] edge of a voxel: a sixth of a pad
-    below_margin: float = 10.0e-3  # [m] around touched points, in the layers below the map
+    below_margin: float = 10.0e-3  # [m] sideways around touched points, of places below the map
     contact_margin: float = 1.5  # [voxels] before a contact that stay unknown, as poses err
-    max_indentation: float = 1.5e-3  # [m] before a contact that stays unknown as well
+    max_indentation: float = 1.5e-3  # [m] the same, added: the pad is pressed by as much
     stride: int = 2  # [taxels] between the points of the face that sweep space
 
 
@@ -108,9 +108,9 @@ def swept_places(
     if length <= 0.0:
         return np.zeros((0, 3))
     advances = np.arange(0.0, length, 0.5 * step)
-    some = slice(None, None, settings.stride)
-    x, y = (axis[some, some].ravel() for axis in pad.grid())
-    face = np.column_stack([x, y, -pad.sag()[some, some].ravel()]) @ axes.T + position
+    thinned = slice(None, None, settings.stride)
+    x, y = (axis[thinned, thinned].ravel() for axis in pad.grid())
+    face = np.column_stack([x, y, -pad.sag()[thinned, thinned].ravel()]) @ axes.T + position
     return np.asarray((face + advances[:, None, None] * axes[:, 2]).reshape(-1, 3))
 
 
@@ -186,8 +186,8 @@ def untouched_places(
     valley = is_valley[regions]
     slopes = np.tan(np.arcsin(np.minimum(sines, settings.max_half_sine)))[regions[valley]]
     hanging = np.zeros_like(touched)
-    some = slice(None, None, sweeps.stride)
-    hanging[some, some] = ~(touched | spanned)[some, some] & touched.any()
+    thinned = slice(None, None, sweeps.stride)
+    hanging[thinned, thinned] = ~(touched | spanned)[thinned, thinned] & touched.any()
     kinds = (spanned & ~valley), valley, hanging
     openings, valleys, free = (face[kind.ravel()] for kind in kinds)
     return UntouchedPlaces(openings, valleys, slopes, free)

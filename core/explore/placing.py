@@ -107,9 +107,9 @@ def place_object(
     costs = fine.cost.copy()
     if asked is not None:
         upright = np.array([pose.axes[2] @ asked[2] for pose in poses])
-        beyond = np.arccos(np.clip(upright, -1.0, 1.0)) - settings.rocked_angle
-        rocked = settings.rocked_cost + settings.rocked_growth * beyond
-        costs += np.where(beyond > 0.0, rocked, 0.0)
+        excess = np.arccos(np.clip(upright, -1.0, 1.0)) - settings.rocked_angle
+        rocked = settings.rocked_cost + settings.rocked_growth * excess
+        costs += np.where(excess > 0.0, rocked, 0.0)
     first, *other_poses = _unlike(poses, costs, settings.same_angle)
     if not fine.cost[first] <= settings.max_cost * len(points):
         return None

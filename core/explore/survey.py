@@ -235,6 +235,7 @@ def _seen(
     deviation: float,
     settings: SurveySettings,
 ) -> ObservedSlice:
+    """A contour as planners see it, about `place` (2,) [m], which shifts by `lean` per height."""
     away = contour.points[:, :2] - place
     radii = np.linalg.norm(away, axis=1)
     outward = away / np.maximum(radii, np.finfo(float).tiny)[:, None]

@@ -41,8 +41,8 @@ OpeningKind = Literal["hole", "cavity", "open"]
 class EntrySettings:
     """How a finger that stands on the rim of an opening is moved until it enters."""
 
-    rim_offset: float = 0.2  # [pad's width] of a contact from the pad's middle, if it is on a rim
-    hole_distance: float = 1.5  # [that offset] from the pad's middle on to the supposed opening
+    rim_offset: float = 0.2  # [pad's width] from the pad's middle, of a contact on a rim, at least
+    hole_distance: float = 1.5  # [that offset] of the supposed opening beyond the pad's middle
     min_side_cosine: float = 0.9  # between the direction of a probe and the side it belongs to
     merge_distance: float = 0.75  # [pad's width] between places of one opening, at most
     shift: float = 0.4  # [offset of contact from pad's middle] by which the next probe is moved

@@ -122,6 +122,7 @@ def _is_bounded(normals: Floats) -> bool:
 
 
 def _merged(places: Floats, distance: float) -> Floats:
+    """Places (n, 3) without those within a distance of an earlier one."""
     kept: list[Floats] = []
     for place in places:
         if all(np.linalg.norm(place - other) > distance for other in kept):

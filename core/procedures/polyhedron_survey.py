@@ -30,7 +30,7 @@ class FaceWalkSettings:
     lift: float = 5.0e-3  # [m] above the face, where a step begins
     drop: float = 2.5e-3  # [m] below the face, where a step ends without contact
     step: float = 0.55  # fraction of the pad's width, between two touches of a face
-    max_steps: int = 40
+    max_steps: int = 40  # in one direction over a face
     edge_depth: float = 10.0e-3  # [m] below a face, where the face behind its edge is probed
     leaning_depth: float = 0.3  # fraction of `edge_depth`, for the second probe, which leans
     lean: float = 0.6  # tangent of the second probe's angle to the first

@@ -31,7 +31,7 @@ class CommonSettings:
     """What all procedures share: how fingers approach, and when a model is refused."""
 
     max_rms: float = 3.0  # [standard deviations] of a model's residuals; beyond it: unsuited
-    max_touch_error: float = 5.0  # [standard deviations] of the worst touch, of a few hundred
+    max_touch_error: float = 5.0  # [standard deviations] of the worst touch among a few hundred
     standoff: float = 15.0e-3  # [m] from a touched surface, where the next approach begins
     back_off: float = 25.0e-3  # [m] by which a move that began inside is repeated from farther off
     max_back_offs: int = 2  # of such a move

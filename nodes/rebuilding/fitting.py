@@ -153,6 +153,7 @@ def _departing(
 
 
 def _chosen(state: State, goal: Goal, step: Steps) -> Published:
+    """The solid of a set with better predictions, not compared with a draft."""
     candidates = fitted_solids(state, goal, step)
     with step("prediction"):
         predicted, is_enough = predicted_squares(state, goal, step)

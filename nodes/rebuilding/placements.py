@@ -38,11 +38,11 @@ def underside_of(solid: GeneralSolid, settings: LocatingSettings) -> Floats:
     """Points (k, 3) sampled on the faces on which a solid stands [m]; none if it is held."""
     mesh = solid.rough_mesh
     corners = mesh.vertices[mesh.faces]
-    standing = corners[:, :, 2].max(axis=1) <= (solid.platform or 0.0) + settings.standing
+    standing = corners[:, :, 2].max(axis=1) <= (solid.platform or 0.0) + settings.standing_height
     area = float(areas_and_normals(corners[standing])[0].sum())
     if solid.platform is None or not area > 0.0:
         return np.zeros((0, 3))
-    count = math.ceil(area / settings.underside_area)
+    count = math.ceil(area / settings.underside_point_area)
     return sample_surface(corners[standing], count, np.random.default_rng(0)).points
 
 
@@ -54,15 +54,15 @@ def located(state: State, goal: Goal, solid: GeneralSolid, known: Placements) ->
         closings, asked = closings_in(state, goal, number), state.turns.get(number)
         if asked is None:
             touches = touches_in(state, goal, number)
-            closings = touches[:: math.ceil(len(touches) / settings.locating.most_touches) or 1]
+            closings = touches[:: math.ceil(len(touches) / settings.locating.max_touches) or 1]
         if not closings or state.platform is None:
             break
-        contacts, who = stack_points(closings), "touches" if asked is None else "contacts"
+        contacts, noun = stack_points(closings), "touches" if asked is None else "contacts"
         placement = _place(solid, contacts, asked, state.platform, settings)
         if placement is None:
-            lost = (f"its {len(contacts.points)} {who} fit the solid in no pose",)
+            lost = (f"its {len(contacts.points)} {noun} fit the solid in no pose",)
             break
-        faults += _sentences(placement, asked, who, settings.locating.otherwise)
+        faults += _sentences(placement, asked, noun, settings.locating.max_lean)
         poses.append(placement.pose)
         errors.append(placement.error)
         alternatives.append(placement.alternatives)
@@ -77,6 +77,7 @@ def _place(
     platform: float,
     settings: ReconstructorSettings,
 ) -> Placement | None:
+    """The pose in which contacts lie on a solid; None if there is none."""
     # Only objects that are turned over need this import.
     from palpate.core.rebuild.general import protrusions
 
@@ -84,9 +85,10 @@ def _place(
     locating = settings.locating
     mesh = solid.mesh(solid.rough_parts)  # with sharp edges, where contacts of hands often lie
     corners = mesh.vertices[mesh.faces]
-    places, faces = sample_surface(corners, locating.places, np.random.default_rng(0))
+    places, faces = sample_surface(corners, locating.n_places, np.random.default_rng(0))
     bends = np.where(solid.is_sharp(places), 0.0, solid.bends(places))
-    errors = np.hypot(solid.expected_errors(places)[0], locating.blunt * solid.cell * bends)
+    rounding = locating.rounding_error * solid.cell * bends
+    errors = np.hypot(solid.expected_errors(places)[0], rounding)
     # Parts that protrude from the convex hull of all contacts may not exist.
     errors = np.hypot(errors, protrusions(solid.contacts.points, places))
     surface = KnownSurface(places, areas_and_normals(corners)[1][faces], errors)
@@ -96,8 +98,8 @@ def _place(
     return place_object(surface, resting, *data, axes, platform, settings.placing)
 
 
-def _sentences(placement: Placement, asked: Pose | None, who: str, max_lean: float) -> list[str]:
-    """Warnings about a placement for the user, a sentence each; `max_lean` [rad]: without one."""
+def _sentences(placement: Placement, asked: Pose | None, noun: str, max_lean: float) -> list[str]:
+    """Warnings for the user, a sentence each: a lean above `max_lean` [rad], and alternatives."""
     sentences, lean = [], 0.0
     if asked is not None:
         lean = float(np.arccos(np.clip(placement.pose.axes[2] @ asked.axes[2], -1.0, 1.0)))
@@ -105,7 +107,7 @@ def _sentences(placement: Placement, asked: Pose | None, who: str, max_lean: flo
         sentences.append(f"it leans {math.degrees(lean):.0f} degrees from the requested pose")
     if placement.alternatives:
         sentences.append(
-            f"its {who} fit {len(placement.alternatives) + 1} poses: which is true is unknown"
+            f"its {noun} fit {len(placement.alternatives) + 1} poses: which is true is unknown"
         )
     return sentences
 
@@ -124,7 +126,7 @@ def mistaken_error(
         return 0.0
     mesh = solid.rough_mesh
     corners = mesh.vertices[mesh.faces]
-    places = sample_surface(corners, settings.mistaken_places, np.random.default_rng(0)).points
+    places = sample_surface(corners, settings.n_compared_places, np.random.default_rng(0)).points
     search, own = nearest_search(corners), 2.0 * np.square(solid.expected_errors(places)[0]).mean()
     worst = 0.0
     for pose, alternatives in zip(placements.poses, placements.alternatives, strict=True):

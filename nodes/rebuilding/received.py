@@ -156,13 +156,15 @@ def untouched_by(state: State, goal: Goal) -> UntouchedPlaces:
 
 def far_from_touch(state: State, goal: Goal) -> UntouchedPlaces:
     """The untouched places of a set without openings and hanging places near contacts."""
-    untouched, least = untouched_by(state, goal), state.settings.openings
+    untouched, limits = untouched_by(state, goal), state.settings.openings
     if not len(untouched.openings) + len(untouched.hanging):
         return untouched
     contacts = stack_points([part for part in touched_points(state, goal) if len(part.points)])
-    openings = untouched.openings[touch_distances(contacts, untouched.openings) > least.between]
-    hanging = untouched.hanging[touch_distances(contacts, untouched.hanging) > least.beside]
-    return untouched._replace(openings=openings, hanging=hanging)
+    spanned = touch_distances(contacts, untouched.openings) > limits.spanned_distance
+    hanging = touch_distances(contacts, untouched.hanging) > limits.hanging_distance
+    return untouched._replace(
+        openings=untouched.openings[spanned], hanging=untouched.hanging[hanging]
+    )
 
 
 def touched_points(state: State, goal: Goal) -> list[ContactPoints]:

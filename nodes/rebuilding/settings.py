@@ -35,24 +35,24 @@ class RefitSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OpeningSettings:
-    """Minimum distances from all contacts of places without contact that indicate a hole."""
+    """Distances from all contacts beyond which a place without contact indicates a hole."""
 
-    between: float = 1.5e-3  # of places between contacts; if larger, narrow holes are missed [m]
-    beside: float = 4.0e-3  # of places beside all contacts; if smaller, edges seem to be holes [m]
+    spanned_distance: float = 1.5e-3  # between contacts; if larger, narrow holes are missed [m]
+    hanging_distance: float = 4.0e-3  # beside contacts; if smaller, edges seem to be holes [m]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LocatingSettings:
     """How placements are estimated and reported."""
 
-    places: int = 12_000  # sampled points of the solid's surface, to which contacts are registered
-    most_touches: int = 96  # maximum number of touches used where no hand made contacts
-    standing: float = 0.2e-3  # height over the platform below which faces are the underside [m]
-    underside_area: float = 12.0e-6  # area of the underside for each sampled point [m^2]
-    mistaken_places: int = 2_000  # sampled points for comparing the solid with itself, turned
+    n_places: int = 12_000  # sampled points of the solid, to which contacts are registered
+    max_touches: int = 96  # maximum number of touches used where no hand made contacts
+    standing_height: float = 0.2e-3  # over the platform; a lower face is the underside [m]
+    underside_point_area: float = 12.0e-6  # area of the underside per sampled point [m^2]
+    n_compared_places: int = 2_000  # sampled points, to compare the solid with itself, turned
     # Error of a point where the surface bends, since the spline rounds edges off [cells/rad].
-    blunt: float = 0.25
-    otherwise: float = math.radians(10.0)  # lean from the requested pose that is reported [rad]
+    rounding_error: float = 0.25
+    max_lean: float = math.radians(10.0)  # from the requested pose; a larger one is reported [rad]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

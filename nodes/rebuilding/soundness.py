@@ -80,9 +80,9 @@ def _faults(
         yield "its surface or its error is not finite"
         return
     is_bounded = math.isfinite(settings.max_overhang)
-    beyond = _overhang(vertices, touched.points, space, settings) if is_bounded else 0.0
-    if beyond > 0.0:
-        yield f"it reaches {1e3 * beyond:.1f} mm beyond the space that was explored"
+    overhang = _overhang(vertices, touched.points, space, settings) if is_bounded else 0.0
+    if overhang > 0.0:
+        yield f"it reaches {1e3 * overhang:.1f} mm beyond the space that was explored"
     if _is_swept(volume, swept, settings):
         yield "a finger has passed through what it encloses"
     allowed = max(settings.min_touch_offset, settings.max_deviations * (deviation or 0.0))
@@ -96,15 +96,15 @@ def _overhang(
 ) -> float:
     """Distance of vertices (n, 3) beyond the allowed box around contacts or the map [m], or 0."""
     low, high = vertices.min(axis=0), vertices.max(axis=0)
-    beyond = [0.0]
+    overhangs = [0.0]
     if len(points):
         lower, upper = points.min(axis=0), points.max(axis=0)
         margin = settings.max_overhang * float((upper - lower).max())
-        beyond += [float((lower - margin - low).max()), float((high - upper - margin).max())]
+        overhangs += [float((lower - margin - low).max()), float((high - upper - margin).max())]
     if space is not None:
         top = space.low + space.step * np.array(space.states.shape)
-        beyond += [float((space.low - space.step - low).max()), float((high - top).max())]
-    return max(beyond)
+        overhangs += [float((space.low - space.step - low).max()), float((high - top).max())]
+    return max(overhangs)
 
 
 def _is_swept(volume: MeshVolume, swept: Floats, settings: SoundnessSettings) -> bool:

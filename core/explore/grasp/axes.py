@@ -30,7 +30,7 @@ class ExtrusionSettings:
     # [rad] largest deviation of the sides' normals from square to the axis, in each iteration.
     side_angles: tuple[float, ...] = tuple(math.radians(a) for a in (20.0, 10.0, 5.0, 2.5, 1.5))
     min_contacts: int = 10  # of the sides
-    min_share: float = 0.4  # of contacts in the first angle; a round surface keeps fewer
+    min_share: float = 0.4  # of the contacts in the first angle that stay; a ball keeps fewer
     # Mean square of the sides' unit normals in the weaker direction across the axis. With less, all
     # point in nearly one direction, and the axis may turn about it.
     min_spread: float = 0.05
@@ -52,8 +52,8 @@ class RevolutionSettings:
     n_iterations: int = 25  # of iterative reweighting
     n_fixed: int = 6  # first iterations, in which the axis keeps its direction
     outlier: float = 3.0  # [standard deviations] beyond which a normal has no weight, as at edges
-    max_miss: float = 0.015  # [size of the contacts] of normals that belong to the axis
-    min_scale: float = 5e-4  # [size of the contacts] least standard deviation of misses
+    max_miss: float = 0.015  # [size of the contacts] from a normal to the axis that it belongs to
+    min_scale: float = 5e-4  # [size of the contacts] least standard deviation of that distance
     ridge: float = 1e-6  # of the mean square, added to it: a cylinder's moment is not unique
 
 

@@ -27,7 +27,7 @@ class SolidSettings:
     mesh_level: int = 4  # of the tessellation over which volumes are summed; finer if larger
     foot_height: float = 0.015  # [diameter] above the lowest place, of what stands on the platform
     correlation_length: float = 0.2  # [diameter] of the displacements' squared exponential kernel
-    error_ratio: float = 5.0  # of displacements away from contacts, per rms residual of the fit
+    error_ratio: float = 5.0  # standard deviation far from contacts, per rms residual of the fit
 
 
 class CorrectedSolid(NamedTuple):

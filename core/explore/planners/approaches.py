@@ -45,8 +45,8 @@ class ApproachSettings:
     n_deviations: float = 3.0  # [expected error of the place] that is added to `min_start`
     # [m] beyond the expected contact, before a touch is given up. Between these limits it is the
     # distance of the place from the nearest touch: an untouched hollow may be as deep.
-    min_beyond: float = 8.0e-3
-    max_beyond: float = 50.0e-3
+    min_overshoot: float = 8.0e-3
+    max_overshoot: float = 50.0e-3
     clearance: float = 1.0e-3  # [m] of the finger from the pedestal
 
 
@@ -134,9 +134,10 @@ def _approach(
     nearest = float(ranges.min())
     if nearest < start + settings.finger_length:  # it would meet something, or begin inside
         return None
-    if nearest > origin + settings.min_beyond:
+    if nearest > origin + settings.min_overshoot:
         return None
-    beyond = float(np.clip(places.distances[number], settings.min_beyond, settings.max_beyond))
+    distance = places.distances[number]
+    overshoot = float(np.clip(distance, settings.min_overshoot, settings.max_overshoot))
     is_met = ranges <= nearest + settings.contact_depth
     points = target + origin * outward + face[is_met] - ranges[is_met, None] * outward
     near = tree.query_ball_point(points, settings.known_radius * pad_width(pad))
@@ -149,7 +150,7 @@ def _approach(
     if _meets_pedestal(surface.pedestal, contact, axes, pad, length, settings.clearance):
         return None
     return TouchOffer(
-        Pose(begin, axes), start + beyond, points.mean(axis=0), known.astype(np.int32)
+        Pose(begin, axes), start + overshoot, points.mean(axis=0), known.astype(np.int32)
     )
 
 

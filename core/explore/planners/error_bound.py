@@ -38,7 +38,7 @@ MAX_TIE = 1e-6  # [value] by which two values may differ and be equal
 class IndicatorSettings:
     """Which curvatures count in the indicators of an interval."""
 
-    max_bend: float = 8.0  # of second derivative of the radius times interval; edges are clipped
+    max_bend: float = 8.0  # largest second derivative of the radius, times interval: clips edges
     min_bend: float = 0.02  # added to rms second derivatives of the squared radius, which may be 0
 
 
@@ -50,13 +50,13 @@ class ErrorSettings:
     scenes, half of them with noise.
     """
 
-    quintic_weight: float = 0.61
-    mismatch_weight: float = 2.2
+    quintic_weight: float = 0.61  # of `ErrorIndicators.quintic_gap` in an interval's error
+    mismatch_weight: float = 2.2  # of `ErrorIndicators.rise_mismatch` in an interval's error
     # The 95 % bound is the predicted error times safety (1 + few_intervals / n^3), for n intervals:
     # two show little of how an object errs, or of how it deviates.
     safety: float = 1.1
     few_intervals: float = 6.0
-    noise_share: float = 0.87  # of a slice's deviation, in the surface between two; with its margin
+    noise_share: float = 0.87  # bound of noise between slices, over their standard deviation
     order: float = 3.0  # exponent by which the error of an interval falls with its number of parts
     # Exponent by which it falls with the untouched share of the interval. A smooth side has a
     # higher one, a side with a sharp edge in the interval a lower one.

@@ -74,9 +74,9 @@ class Predicted:
     """The default planner."""
 
     cover: Annotated[int, Range(3, 99, "1")] = 3  # slices before any error is predicted; odd
-    # Error that an untouched stretch may hide, over the height, by the square of its share.
+    # Error over the height that an untouched stretch may hide, per its squared share of it.
     hidden_error: Annotated[float, Range(0.0, 1.0, "1")] = 0.04
-    # An interval cut into m parts is expected to err by m to this power less.
+    # The error of an interval falls by m to this power when it is cut into m parts.
     order: Annotated[float, Range(1.0, 6.0, "1")] = ErrorSettings().order
     # Cost of moving by the whole height, over that of a slice.
     travel: Annotated[float, Range(0.0, 1.0, "1")] = 0.02

@@ -63,7 +63,7 @@ class HiddenSettings:
     # Where the solid is thinner than that, the error is that of a hole through it.
     opening_slope: float = 16.0
     tilt: float = math.radians(40.0)  # [rad] to the inward normal, of directions of possible holes
-    lateral: float = 3.0e-3  # [m] of places on the far side from the line in such a direction
+    line_radius: float = 3.0e-3  # [m] about a line in such a direction; far places inside it count
     min_room: float = 0.8  # fraction of the tolerance that other places leave to touchable ones
 
 
@@ -446,9 +446,9 @@ def _thickness(places: SurfacePlaces, numbers: Ints, settings: HiddenSettings) -
         for direction in (inward, *(math.cos(settings.tilt) * inward + leaning)):
             depths = away @ direction
             lateral = np.linalg.norm(away - depths[:, None] * direction, axis=1)
-            near, faces = lateral < settings.lateral, places.normals @ direction > 0.0
+            near, faces = lateral < settings.line_radius, places.normals @ direction > 0.0
             depth = float(depths[near & faces & (depths > 0.0)].min(initial=np.inf))
-            depth += settings.lateral
+            depth += settings.line_radius
             thickness[row] = max(thickness[row], depth)
     return thickness
 

@@ -20,7 +20,7 @@ from palpate.core.plugins import Range, check_ranges
 class ChoiceSettings:
     """Which touch is made next. The gain of a touch is the squared error of the places it meets."""
 
-    min_gain: float = 1e-3  # fraction of tolerance squared, summed over the surface
+    min_gain: float = 1e-3  # fraction of the squared error that the tolerance allows in all
     touch_seconds: float = 1.5  # [s] of a touch without the travel to it
     travel_speed: float = 0.1  # [m/s]
     min_gain_share: float = 0.6  # fraction of the largest gain, below which a touch is postponed

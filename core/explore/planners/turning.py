@@ -27,9 +27,8 @@ class TurningSettings:
     facing_up: float = 0.7  # z part of a normal, above which the place may also lie lower
     min_gain: float = 0.1  # fraction of all squared errors that a turn brings within reach
     near_best: float = 0.95  # fraction of the largest gain; the most stable such side is taken
-    min_thickness: float = (
-        10.0e-3  # [m] upwards, as it will lie: a hand cannot feel thinner objects
-    )
+    # [m] upwards, as it will lie: a hand cannot feel thinner objects.
+    min_thickness: float = 10.0e-3
     max_rests: int = 200  # most stable sides whose gain is computed
     # [rad] lean at which the object is set down and must still come to rest on that side.
     lean: float = math.radians(6.0)
@@ -77,6 +76,7 @@ def choose_turn(
 
 
 def _thickness(resting: RestingSolid, rest: Rest) -> float:
+    """Height of the object [m] when it lies on a side."""
     return float(np.ptp(resting.hull @ rest.down))
 
 

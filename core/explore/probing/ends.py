@@ -32,7 +32,7 @@ MIN_POINTS = 3  # of a contour
 class FaceSettings:
     """How a plane is fitted to touches of a face, and where the face is untouched."""
 
-    foot: float = 0.35  # [widths of the pad] radius of a domed pad's touch about its deepest point
+    touch_radius: float = 0.35  # [widths of the pad] of a domed pad's contact with a face
     max_lean: float = math.radians(45.0)  # [rad] of a face's normal; beyond it, it is an edge's
     lean_weight: float = 1e-3  # of an edge's normal in the fit; not 0, so that the rank is full
     # [rad] of normals from that of one plane; noise and an edge under the pad turn them by less.
@@ -192,16 +192,16 @@ def fit_face(
     points = np.stack([touch.point for touch in touches])
     slopes, is_face = _slopes(touches, settings.max_lean)
     middle = points.mean(axis=0)
-    foot = settings.foot * width
+    touch_radius = settings.touch_radius * width
     rows = np.concatenate(
         [
             np.column_stack([np.ones(len(points)), points[:, :2] - middle[:2]]),
-            np.tile(foot * np.eye(3)[1:], (len(slopes), 1)),
+            np.tile(touch_radius * np.eye(3)[1:], (len(slopes), 1)),
         ]
     )
     normal_weights = np.repeat(np.where(is_face, 1.0, settings.lean_weight), 2)
     weights = np.concatenate([np.ones(len(points)), normal_weights])
-    heights = np.concatenate([points[:, 2] - middle[2], foot * slopes.ravel()])
+    heights = np.concatenate([points[:, 2] - middle[2], touch_radius * slopes.ravel()])
     fit = np.linalg.lstsq(weights[:, None] * rows, weights * heights, rcond=None)[0]
     return EndFace(float(middle[2] + fit[0] - middle[:2] @ fit[1:]), fit[1:])
 
@@ -360,7 +360,7 @@ def largest_untouched_disc(
     if not len(places):
         return UntouchedDisc(tried[-1], 0.0)
     distances = np.linalg.norm(places[:, None] - tried, axis=2).min(axis=1)
-    radii = np.minimum(inwards, distances - settings.foot * width)
+    radii = np.minimum(inwards, distances - settings.touch_radius * width)
     widest = int(radii.argmax())
     return UntouchedDisc(places[widest], float(radii[widest]))
 

@@ -29,9 +29,8 @@ class ApproachSettings:
 
     clearance: float = 5e-3  # [m] of a touch's start over the highest known point
     max_deviations: float = 3.0  # [standard deviations] by which an end may lie above `height`
-    max_depth: float = (
-        0.5  # [height of the object] below the end, down to which a face can close it
-    )
+    # [height of the object] below the end, down to which a face can close it.
+    max_depth: float = 0.5
     max_retreats: int = 4  # of a touch that began inside the object, each by a pad's width
     max_rings: int = 3  # of places around the axis where the end is looked for
 
@@ -167,10 +166,10 @@ def _with_wall(
     settings: ProbingSettings,
 ) -> ends.ProbeCommand | ends.StopProbing:
     """The next touch of an end that is found and has a contour beside it."""
-    foot = settings.face.foot * observation.width
-    covered = _covered(touches, contour, foot)
+    touch_radius = settings.face.touch_radius * observation.width
+    covered = _covered(touches, contour, touch_radius)
     if not covered:
-        first = _first_over(observation, contour, foot, settings.approach)
+        first = _first_over(observation, contour, touch_radius, settings.approach)
         if first is not None:
             return first
     faces = covered or touches
@@ -183,7 +182,7 @@ def _with_wall(
     made = [probe for probe in observation.probes if probe.command.reason == "edge"]
     points = np.stack([touch.point for touch in touches])
     top = max(float(points[:, 2].max()), observation.height) + tolerance
-    edge = ends.expected_edge(face, contour, points, foot, top, settings.edge)
+    edge = ends.expected_edge(face, contour, points, touch_radius, top, settings.edge)
     next_edge = ends.next_edge(edge, made, observation.width, tolerance, settings.edge)
     if isinstance(next_edge, ends.ProbeCommand):
         return next_edge
@@ -202,7 +201,7 @@ def _covered(
 def _first_over(
     observation: ends.EndObservation,
     contour: ends.SideContour,
-    foot: float,
+    touch_radius: float,
     settings: ApproachSettings,
 ) -> ends.ProbeCommand | None:
     """A touch of the face's middle, unless that was made and met nothing there."""
@@ -212,7 +211,7 @@ def _first_over(
         for probe in observation.probes
         if probe.command.reason != "edge"
     ]
-    if min(np.linalg.norm(place - other) for other in tried) <= foot:
+    if min(np.linalg.norm(place - other) for other in tried) <= touch_radius:
         return None
     return probe_along_axis(observation, place, settings)._replace(reason="face")
 
@@ -235,16 +234,16 @@ def _next_face(
     is_round = float(contour.normals[:, 2].mean()) > cover.min_round_rise
     if len(made) >= cover.max_touches:
         return untouched
-    foot = settings.face.foot * width
+    touch_radius = settings.face.touch_radius * width
     summit = next_uphill(faces, made, width, settings) if is_round or not is_plane else None
-    if summit is not None and ends.covers(contour, summit[None], foot)[0]:
+    if summit is not None and ends.covers(contour, summit[None], touch_radius)[0]:
         return probe_along_axis(observation, summit, settings.approach)._replace(reason="face")
     is_small = gap.radius <= (cover.max_round_radius if is_round else cover.max_radius) * width
     has_plane = is_plane and len(faces) >= cover.n_plane
     is_covered = is_small or (has_plane and not is_round)
     middle = ends.interior_point(contour)
     # The mean of more touches has a smaller error, on a flat face on which a whole pad lies.
-    is_wide = float(edge_distance(outline, middle[None])[0]) > foot
+    is_wide = float(edge_distance(outline, middle[None])[0]) > touch_radius
     is_flat = has_plane or (is_plane and not is_round)
     needs_mean = is_flat and is_wide
     if is_covered and (
@@ -274,7 +273,7 @@ def next_uphill(
     level = float(np.linalg.norm(highest.normal[:2]))
     if not level > math.sin(climb.max_summit_lean) or len(made) >= climb.max_touches:
         return None
-    place = highest.point[:2] - settings.face.foot * width / level * highest.normal[:2]
+    place = highest.point[:2] - settings.face.touch_radius * width / level * highest.normal[:2]
     tried = [touch.command.pose.position[:2] for touch in made]
     tried += [touch.point[:2] for touch in made if touch.touched]
     distances = np.linalg.norm(np.stack(tried) - place, axis=1)

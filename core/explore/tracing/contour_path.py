@@ -36,7 +36,7 @@ class TouchSettings:
     deep_depth: float = 2.35e-3  # [m] of press, where a plain touch does not reach into a hollow
     max_tilt: float = 1.45  # [rad] of the pad; below a right angle: at a pole there is no heading
     max_spacing: float = 2.0 / 15.0  # [widths of the pad] of points without a gap between them
-    min_gap: float = 1.6  # [pitches] the same, at least
+    min_spacing: float = 1.6  # [pitches] the same, at least
     gap_margin: float = 1.6  # [`SliceSpec.gap`] added to that spacing
 
 
@@ -46,7 +46,7 @@ class HeadingSettings:
 
     # [widths of the pad] lengths of the path's end to which a parabola is fitted, until one fits.
     windows: tuple[float, ...] = (7.0 / 15.0, 3.2 / 15.0)
-    max_points: int = 40  # last points that are used; else the start is used too, near the closing
+    max_points: int = 40  # last points that are used; with more, the start could be among them
     max_misfit: float = 4.0e-3  # [widths of the pad] largest residual of a parabola that fits
     min_curvature: float = -3.0  # [1 / widths of the pad] lower bound of the curvature
     max_curvature: float = 7.5  # [1 / widths of the pad] upper bound of the curvature
@@ -63,7 +63,7 @@ class ArcSettings:
     max_depth_step: float = 2.0  # [pitches] between neighbouring taxels on one surface
     # With at least so many columns of more than two touched rows, those of two rows are left out. A
     # corner of the pad in a hollow has few of either.
-    n_columns: int = 6
+    min_columns: int = 6
     newton_steps: int = 3  # from the crossing of the straight line; a fourth is below rounding
     n_slope_pairs: int = 8  # pairs of taxels nearest to a slice that was not met; median slope
     edge_slope: float = 0.36  # [1] assumed where only an edge of the pad touches: 20 degrees
@@ -100,7 +100,7 @@ class SliceSpec(NamedTuple):
     def max_spacing(self) -> float:
         """Largest distance of points that have no gap between them [m]."""
         touch = self.touch
-        spacing = max(touch.max_spacing * self.width, touch.min_gap * self.pad.pitch)
+        spacing = max(touch.max_spacing * self.width, touch.min_spacing * self.pad.pitch)
         return spacing + touch.gap_margin * self.gap
 
 
@@ -385,7 +385,7 @@ def crossings(
     row, col = np.nonzero(meets & connected)
     rows, window = _windows(touched, row, col)
     kept = window < len(ROW_WINDOWS) - 1
-    if kept.sum() >= settings.n_columns:  # without those that only a straight line goes through
+    if kept.sum() >= settings.min_columns:  # without those that only a straight line goes through
         row, col, rows, window = row[kept], col[kept], rows[kept], window[kept]
     share = above[row, col] / (above[row, col] - above[row + 1, col])
     # Coefficients (n, 4) along the rows, 0 at the row before the slice.

@@ -167,8 +167,8 @@ def _along_wall(
     wall = math.remainder(math.atan2(normal[1], normal[0]) - across, 2.0 * math.pi)
     side = 1.0 if number == 0 else -1.0
     heading = across + max(-settings.max_turn, min(settings.max_turn, posture.turn * wall))
-    beyond = side * min(posture.advance * spec.width, 0.5 * length)
-    place = ends[number, :2] + beyond * travel_direction(across + wall)
+    advance = side * min(posture.advance * spec.width, 0.5 * length)
+    place = ends[number, :2] + advance * travel_direction(across + wall)
     place = place - side * 0.5 * spec.width * travel_direction(heading)
     shift = settings.corner_shift * spec.width * float(np.sign(posture.tilt))
     return TouchCommand(
