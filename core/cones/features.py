@@ -35,7 +35,7 @@ class FeatureSettings:
     """When touched points are flat, curved, or on several faces."""
 
     n_sigmas: float = 3.0  # [standard deviations] of a curvature or distance that is not noise
-    jet_bend: float = 2e-3  # fraction of the patch's width, by which a jet bends a plane
+    min_sagitta: float = 2e-3  # fraction of the patch's width; jets of planes may have less
     min_fold: float = math.radians(3.0)  # [rad] between faces; at a smaller angle they are one
     min_points: int = 4  # on each face
     min_share: float = 0.04  # of the points, on each face
@@ -138,8 +138,8 @@ def feature_of_contact(
     if kind != "smooth":
         raise ValueError(f"kind must be one of {get_args(ContactKind)}, got {kind!r}")
     n_sigmas = settings.n_sigmas
-    jet_bend = 4.0 * settings.jet_bend * float(spread[0])
-    sagitta = max(n_sigmas * noise / np.sqrt(len(touched)), jet_bend)
+    min_sagitta = 4.0 * settings.min_sagitta * float(spread[0])
+    sagitta = max(n_sigmas * noise / np.sqrt(len(touched)), min_sagitta)
     least = np.maximum(n_sigmas * np.array(principal_error), 0.5 * sagitta / spread[0] ** 2)
     bent = np.abs(principal) > least
     across = finite_array("principal_direction", principal_direction, (3,))

@@ -32,7 +32,7 @@ class MatchingSettings:
     learned_noise: float = DEFAULT_SCATTER.noise  # [m] of the copies
     false_rejection: float = 0.01  # probability that a stored object is taken for none of them
     n_folds: int = 4  # in which copies are held out; as many copies are needed
-    min_relative_deviation: float = 0.3  # of the median deviation over all objects
+    min_relative_deviation: float = 0.3  # fraction of a feature's median over all objects
     correlation_shrinkage: float = 0.1  # fraction by which correlations are reduced
     # Least standard deviation of a feature, by its kind.
     min_deviations: Mapping[str, float] = field(

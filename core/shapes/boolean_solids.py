@@ -35,8 +35,8 @@ class BooleanSettings:
 
     check_level: int = 3  # of the mesh whose volume is tested
     min_volume: float = 1e-9  # fraction of the box; smaller is rounding
-    # From so many solids on each is meshed one level coarser, from four times as many two levels:
-    # the number of all facets hardly grows.
+    # With this number of solids or more, each is meshed one level coarser, with four times as many
+    # two levels: the number of all facets hardly grows.
     many_solids: int = 8
 
 

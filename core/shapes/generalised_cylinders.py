@@ -115,7 +115,7 @@ class GeneralisedCylinder(ImplicitShape):
         ends = np.minimum(ends, reach)
 
         def roots(met: Ints) -> Floats:
-            outside = self._below(places[:, met], towards)
+            outside = self._outside_bound(places[:, met], towards)
             return guaranteed_first_roots(outside, starts[met], ends[met], self._tolerance)
 
         return ranges_of(starts, ends, roots)
@@ -125,7 +125,7 @@ class GeneralisedCylinder(ImplicitShape):
         if self.convex:
             return convex_spans(self, origins, direction)
         places, towards, starts, ends = self._through(origins, direction)
-        outside, inside = self._below(places, towards), self._above(places, towards)
+        outside, inside = self._outside_bound(places, towards), self._inside_bound(places, towards)
         return marched_spans(outside, inside, starts, ends, self._tolerance)
 
     def mesh(self, level: int) -> Mesh:
@@ -137,7 +137,7 @@ class GeneralisedCylinder(ImplicitShape):
         starts, ends = clip_to_box(places - self._middle[:, None], towards, self._half)
         return places, towards, starts, ends
 
-    def _below(self, places: Floats, towards: Floats) -> MinorantFunction:
+    def _outside_bound(self, places: Floats, towards: Floats) -> MinorantFunction:
         hollow = self._section.traits.hollow
         # Angular momentum of rays about the axis: distance times speed across the radius.
         across = places[0] * towards[1] - places[1] * towards[0]
@@ -156,7 +156,7 @@ class GeneralisedCylinder(ImplicitShape):
 
         return floor
 
-    def _above(self, places: Floats, towards: Floats) -> MinorantFunction:
+    def _inside_bound(self, places: Floats, towards: Floats) -> MinorantFunction:
         traits, speed = self._section.traits, float(np.hypot(*towards[:2]))
 
         def floor(travelled: Floats, lengths: Floats, which: Ints) -> Minorant:
@@ -404,10 +404,10 @@ def _spline_traits(rho: PiecewiseCubic, n_parts: int = 64) -> SectionBounds:
     piece = np.repeat(np.arange(len(width), dtype=np.int32)[:, None], n_parts + 1, axis=1)
     value, slope, bend = rho.at(places, piece)
     step = width[:, None] / n_parts
-    bends = _ends(bend, 0.0 * step)  # linear in each part
+    bends = _part_ranges(bend, 0.0 * step)  # linear in each part
     most_bend = np.abs(bends).max(axis=0)
-    slopes = _ends(slope, np.abs(np.diff(bend, axis=1)) * step / 8)
-    values = _ends(value, most_bend * step**2 / 8)
+    slopes = _part_ranges(slope, np.abs(np.diff(bend, axis=1)) * step / 8)
+    values = _part_ranges(value, most_bend * step**2 / 8)
     least_slope = np.where(slopes[0] * slopes[1] <= 0.0, 0.0, np.abs(slopes).min(axis=0))
     most_slope = np.abs(slopes).max(axis=0)
     products = values[:, None] * bends[None]  # radius times bend, at its corners
@@ -418,10 +418,10 @@ def _spline_traits(rho: PiecewiseCubic, n_parts: int = 64) -> SectionBounds:
     return SectionBounds(rho.value_range(), max(float(hollow), 0.0), float(bulge), float(steepest))
 
 
-def _ends(at: Floats, more: Floats) -> Floats:
-    """Range over each part, from its ends and its distance from the chord, (2, ...)."""
+def _part_ranges(at: Floats, off_chord: Floats) -> Floats:
+    """Bounds in each part, (2, ...), from values at its ends and the distance off the chord."""
     first, last = at[:, :-1], at[:, 1:]
-    return np.stack([np.minimum(first, last) - more, np.maximum(first, last) + more])
+    return np.stack([np.minimum(first, last) - off_chord, np.maximum(first, last) + off_chord])
 
 
 class SuperellipseSection:

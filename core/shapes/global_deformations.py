@@ -166,7 +166,10 @@ def clip_to_bent_box(
 def _part_in_circle(
     origins: Floats, direction: Floats, curvature: float, outwards: float
 ) -> RayGap:
-    """Interval of rays in the cylinder about the bend's axis, `outwards` of the bent z axis."""
+    """Interval of rays in a cylinder about the bend's axis.
+
+    Its radius is that of the bent z axis plus `outwards` [m].
+    """
     k, sign = abs(curvature), math.copysign(1.0, curvature)
     across, _, up = direction
     x, _, z = origins

@@ -34,7 +34,7 @@ class MendSettings:
     # Upper limit of that distance, as a fraction of the median edge, so that no face is stitched to
     # itself.
     max_stitch_edge: float = 0.1
-    max_outside: float = 1e-6  # of a hollow's volume outside the object; with more it is a piece
+    max_outside: float = 1e-6  # share of a hollow outside the object; with more it is a piece
     max_rounds: int = 4  # of cutting crossings out, with the faces that touch them
     max_cuts: int = 6  # successive planes through a piece that crosses itself
     n_planes: int = 6  # tried along each axis

@@ -31,7 +31,7 @@ BOX_MARGIN = 1e-12  # fraction by which boxes are enlarged, so that they contain
 class NewtonSettings:
     """Search for first roots of functions with bounded second derivatives."""
 
-    # Steps; along a flat face at a distance g about 1 / sqrt(g) are needed.
+    # A ray along a flat face at a distance g needs about 1 / sqrt(g) steps.
     max_steps: int = 2000
     compaction: float = 0.6  # share of unfinished functions below which finished ones are dropped
 

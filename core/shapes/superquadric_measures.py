@@ -139,11 +139,11 @@ def sampled_surface(
     bare = SampledSurface(shape, taper, bend, corners, 0.5 * twice, heights, np.zeros(0), 0.0)
     places = np.einsum("kc,mci->mki", QUADRATURE_NODES, corners).reshape(-1, 3)
     bend(_taper(bare)(places))  # raises ValueError if it folds the solid
-    over = _over(bare, places, np.repeat(heights, len(QUADRATURE_WEIGHTS))).reshape(
+    ratio = _area_ratio(bare, places, np.repeat(heights, len(QUADRATURE_WEIGHTS))).reshape(
         -1, len(QUADRATURE_WEIGHTS)
     )
-    areas = bare.flat * (over @ QUADRATURE_WEIGHTS)
-    most = float((over.max(axis=1) * bare.flat / areas).max())
+    areas = bare.flat * (ratio @ QUADRATURE_WEIGHTS)
+    most = float((ratio.max(axis=1) * bare.flat / areas).max())
     return replace(bare, areas=areas, most=most)
 
 
@@ -152,8 +152,8 @@ def area_samples(
 ) -> Floats:
     """Places (count, 3) [m] on a surface, uniform by area and independent.
 
-    `surface`: see `sampled_surface`. `rng`: source of the randomness. `headroom`: bound of the
-    density over the largest at the quadrature nodes.
+    `surface`: see `sampled_surface`. `rng`: source of the randomness. `headroom`: assumed
+    largest density, over the largest one at the quadrature nodes.
     """
     line, limit = np.cumsum(surface.areas), headroom * surface.most
     kept = [np.zeros((0, 3))]
@@ -164,15 +164,15 @@ def area_samples(
         root = np.sqrt(drawn[:, 1])
         shares = np.column_stack([1.0 - root, root * (1.0 - drawn[:, 2]), root * drawn[:, 2]])
         places = np.einsum("nc,nci->ni", shares, surface.corners[facets])
-        over = _over(surface, places, surface.heights[facets])
-        crowding = over * surface.flat[facets] / surface.areas[facets]
+        ratio = _area_ratio(surface, places, surface.heights[facets])
+        crowding = ratio * surface.flat[facets] / surface.areas[facets]
         places = places[drawn[:, 3] * limit < crowding]
         projected = places / surface.shape.gauge(places)[:, None]
         kept.append(surface.bend(_taper(surface)(projected)))
     return np.concatenate(kept)[:count]
 
 
-def _over(surface: SampledSurface, places: Floats, heights: Floats) -> Floats:
+def _area_ratio(surface: SampledSurface, places: Floats, heights: Floats) -> Floats:
     """Area of the surface over that of the facet, at places (n, 3) of facets.
 
     Projection along radii keeps the solid angle; normals stretch by the Jacobian's cofactors.

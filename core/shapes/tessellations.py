@@ -32,7 +32,7 @@ class IsosurfaceSettings:
     """Grid of an isosurface, and the precision of its vertices."""
 
     min_cells: int = 16  # along the longest side
-    # Fractions of the box before and after it: no plane of symmetry is one of the grid.
+    # Fractions by which the box grows below and above: no plane of symmetry is one of the grid.
     margins: tuple[float, float] = (0.0231, 0.0257)
     root_tolerance: float = 1e-12  # fraction of a cell's edge
 

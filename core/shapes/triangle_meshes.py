@@ -42,7 +42,7 @@ class PolishSettings:
     """Newton's method from facets to the exact surface; lengths are fractions of its size."""
 
     max_steps: int = 12
-    step_tolerance: float = 1e-8  # the next step would be its square
+    step_tolerance: float = 1e-8  # of the last step; the next would be its square
     max_move: float = 0.05  # a larger one ends on another part of the surface
 
 

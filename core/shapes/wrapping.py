@@ -37,7 +37,7 @@ class WrapSettings:
     n_voxels: int = 80  # along the largest extent
     margin: int = 10  # voxels around the mesh, in which the function may fall off
     n_directions: int = 32  # of the rays, evenly around
-    smoothing: float = 1.0  # [voxels] of the hits' normals
+    smoothing: float = 1.0  # [voxels] standard deviation of the Gaussian over the hits
     max_projection: float = 1.5  # [voxels] vertices farther from all triangles are not moved
     near_hit: float = 2.5  # [voxels] surface farther than this from all hits closes a hole
     min_part: float = 0.02  # of the largest part's volume; smaller parts are not counted

@@ -37,8 +37,8 @@ class ClosedCurveSettings:
 
     max_gap: float = 0.02  # fraction of the mean width, between vertices and pseudo-vertices
     max_steps: int = 300
-    damping: float = 0.5  # of the parameters' steps; in the thesis's program, not in (4.40)
-    svd_cutoff: float = 1e-10  # of the pseudo-inverse
+    damping: float = 0.5  # factor of the parameters' steps; in the program, not in (4.40)
+    svd_cutoff: float = 1e-10  # of the pseudo-inverse, fraction of the largest singular value
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,8 +46,8 @@ class InversionSettings:
     """When the inversion of points, (4.8) to (4.16), ends."""
 
     max_steps: int = 50
-    max_distance: float = 1e-6  # fraction of the volume's size, where (4.14), (4.16) have metres
-    max_cosine: float = 1e-6  # (4.15)
+    max_distance: float = 1e-6  # fraction of the volume's size; in (4.14), (4.16) it is in metres
+    max_cosine: float = 1e-6  # (4.15), between offset and tangents; less is a right angle
 
 
 class ThesisLayer(NamedTuple):

@@ -57,7 +57,7 @@ class IsolatedSettings:
 
     outlier_sigmas: float = 5.0  # robust; noise on 256 taxels exceeds it once in 7000 frames
     max_outliers: int = 3  # more are a shape that the jet cannot follow
-    max_affected: int = 8  # taxels for each outlier that a plain jet may miss because of it
+    max_affected: int = 8  # taxels that one outlier pulls a plain jet off; more are a shape
 
 
 def classify_surface(

@@ -38,7 +38,7 @@ class FrameSettings:
     min_negative: float = 0.5  # [pitches] below zero, of an impossible reading; less is drift
     noise_sigmas: float = DEFAULT_CONTACT.min_sigmas  # of a taxel; noise stays within them
     min_white_noise: float = 1.2  # noise over that of rounding; with more no frame repeats
-    rounding: float = 1e-9  # of readings at the limit, fraction of it
+    rounding: float = 1e-9  # of readings that are equal, or at the limit; fraction of them
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -36,20 +36,20 @@ class ImpulseSettings:
     max_offset: float = 0.5  # [pitches] from the jet; larger ones are always suspect
     outlier_sigmas: float = 6.0  # robust deviations from the jet, suspect between those two limits
     noise_sigmas: float = 4.0  # of one taxel; smaller offsets are noise
-    contrast_sigmas: float = 2.0  # of the noise in a bend of three taxels, or in a step between two
+    contrast_sigmas: float = 2.0  # of bends of three taxels and steps of two; smaller are noise
     max_bend_share: float = 0.5  # bend of an even line, at most, over the taxel's offset
-    # The same where noise alone may bend a line so much. It is below 1 because an impulse at the
-    # end of a line bends it by its whole offset.
+    # Largest bend that noise may excuse, over the same offset. It is below 1 because an impulse at
+    # the end of a line bends it by its whole offset.
     max_noise_share: float = 0.6
-    # Even lines of a core taxel, which can support others. The tip of a step's corner has three,
-    # and so has the middle of five taxels in a row; five impulses in a row are rare.
+    # Even lines that a core taxel needs; only these support others. The tip of a step's corner has
+    # three, and so has the middle of five taxels in a row; five impulses in a row are rare.
     min_core_lines: int = 3
     straight_bend: float = 0.05  # [pitches] of a straight line of three, at most, without noise
     # Least offset of supporting taxels, over the least offset of a suspect. The jet misses the rest
     # of a ridge as well, which supports it; it follows the even surface beside an impulse.
     min_support_share: float = 0.5
-    level_offset: float = 0.15  # [pitches] from a sound neighbour; closer ones are no impulses
-    # Height of impulses in the two outermost rings over all their neighbours.
+    level_offset: float = 0.15  # [pitches] in height from a sound neighbour; less is no impulse
+    # Least step of an impulse in the two outermost rings from all its neighbours.
     border_step: float = 0.15  # [pitches]
     corner_step: float = 0.45  # [pitches] in the array's corners, which have three neighbours
 
@@ -60,8 +60,8 @@ class CleaningSettings:
 
     contact_sigmas: float = DEFAULT_CONTACT.min_sigmas  # of a touched taxel's noise, at least
     impulses: ImpulseSettings = ImpulseSettings()
-    # Fraction of the taxels that stand off the median around them. With impulses in half of the
-    # taxels 0.3 do, with impulses in a third 0.2.
+    # Fraction of taxels off the median around them; with more, none counts as touched. Impulses in
+    # half of the taxels give 0.3, in a third 0.2.
     max_impulse_share: float = 0.25
     n_repairs: int = 4  # rounds at most after the first
 
@@ -203,7 +203,7 @@ def remove_impulses(
 
     `image` (rows, cols): compression [m], about 0 where the pad does not touch. `contact`: least
     compression that counts as touched [m]. `noise`: standard deviation of one taxel [m]. A frame
-    all of whose taxels lie on even lines is returned unchanged. To the others a jet is fitted with
+    all of whose taxels lie on even lines is returned unchanged. To any other a jet is fitted with
     Tukey's weights, beginning with the supported taxels. Where too few taxels are supported for a
     jet, isolated taxels are impulses, and three touched taxels side by side are a tip.
     """

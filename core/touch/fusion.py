@@ -25,7 +25,7 @@ class FusionSettings:
     # Squared innovation above which a touch is followed at once: chi-squared with three degrees of
     # freedom exceeds it in 5 % of cases.
     max_surprise: float = 7.815
-    memory: float = 0.7  # by which the weight of earlier touches shrinks at each new one
+    memory: float = 0.7  # factor of the weight of earlier touches at each new one
     min_cosine: float = 0.1  # between normal and pad axis; a jet is not corrected below it
 
 

@@ -45,7 +45,7 @@ class TaxelSettings:
     tilt_spread: float = 2e-3  # [rad] of the pose
     gain_spread: float = 0.03  # of a taxel's gain from the common one
     offset_spread: float = 10e-6  # [m] of a taxel's offset from the common one
-    min_spread: float = 1e-9  # [m], for gains [m/mm]; least learnt spread and least noise step
+    min_spread: float = 1e-9  # [m], of gains [m/mm]: least learnt spread and step of readings
 
 
 @readable

@@ -134,12 +134,12 @@ class HostAgent:
             pass
         for name, guest in list(self._guests.items()):
             if time.monotonic() - guest.last > self._silence_limit:
-                self._part(name, "is gone; its nodes are ended")
+                self._dismiss(name, "is gone; its nodes are ended")
 
     def close(self) -> None:
         """End all nodes."""
         for name in list(self._guests):
-            self._part(name, "was ended: this machine no longer runs nodes")
+            self._dismiss(name, "was ended: this machine no longer runs nodes")
 
     def _receive(self) -> bool:
         """Handle one word; errors in it are printed. Returns False if no word came."""
@@ -147,12 +147,12 @@ class HostAgent:
             received = self._line.receive()
             if received is None:
                 return False
-            self._obey(*received)
+            self._handle(*received)
         except (ValueError, msgspec.MsgspecError) as error:
             self._echo(f"a launcher of another version, or none: {error}")
         return True
 
-    def _obey(self, name: str, word: ControlMessage) -> None:
+    def _handle(self, name: str, word: ControlMessage) -> None:
         now = time.monotonic()
         if word["kind"] == "hello":
             if name not in self._guests:
@@ -172,9 +172,9 @@ class HostAgent:
             case "alive":
                 self._line.send(name, "alive")
             case "end":
-                self._part(name, "has ended")
+                self._dismiss(name, "has ended")
 
-    def _part(self, name: str, why: str) -> None:
+    def _dismiss(self, name: str, why: str) -> None:
         self._guests.pop(name).close()
         self._line.send(name, "closed")
         self._echo(f"{name} {why}")

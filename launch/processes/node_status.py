@@ -22,7 +22,7 @@ class SupervisionSettings:
 
     tick_period: float = 0.1  # between two calls of the watcher [s]
     max_batch: int = 64  # messages of nodes that are received before tools are answered again
-    silence_limit: float = 5.0  # silence that is logged, if its timeout is not longer [s]
+    silence_limit: float = 5.0  # after which a silent node is logged; or its timeout, if longer [s]
     answer_time: float = 0.2  # after which a node without an answer is asked again [s]
     count_pause: float = 0.5  # between two rounds of counting messages [s]
     final_count_pause: float = 0.01  # the same once the graph has finished [s]

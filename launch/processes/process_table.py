@@ -220,9 +220,9 @@ class ProcessState(NamedTuple):
 
 
 class _Heartbeat(NamedTuple):
-    when: float
-    used: float
-    begun: bool
+    when: float  # monotonic time [s]
+    used: float  # processor time of the node so far [s]
+    begun: bool  # False until the node's first sign
 
 
 class Watchdog:

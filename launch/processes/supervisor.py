@@ -119,11 +119,11 @@ class Supervisor:
     def _watch(self, began: float) -> Verdict:
         names = {wiring.name for wiring in self._wirings}
         while True:
-            verdict = self._turn() or self._quiet()
+            verdict = self._turn() or self._finished_or_stalled()
             if verdict is not None:
                 return verdict
             if self._going:
-                self._count()
+                self._ask_for_counts()
             elif self._reports.ready == names and self._sockets.subscriber.in_step:
                 self._going = True
                 self._tell(names, "go")
@@ -202,7 +202,7 @@ class Supervisor:
     def _warn(self, name: str, text: str) -> None:
         self._watcher.log(LogRecord(node=name, level="warning", text=text[:1000], robot_time=0.0))
 
-    def _quiet(self) -> Verdict | None:
+    def _finished_or_stalled(self) -> Verdict | None:
         if self._finished is not None and self._detector.settled:
             return Verdict("finished", self._finished)
         if self._detector.still_for(time.monotonic()) < self._settings.stall_time:
@@ -237,7 +237,7 @@ class Supervisor:
                 elif word["kind"] == "count":
                     consumed = {(p, t): number for p, t, number in word["consumed"]}
                     counts = word["sent"], consumed, tuple(word["waits"]), word["can_publish"]
-                    self._counted(name, word["round"], MessageCounts(*counts))
+                    self._take_counts(name, word["round"], MessageCounts(*counts))
         except ValueError as error:
             self._reports.failed[LAUNCHER] = f"listening to the nodes: {error}"
 
@@ -266,15 +266,15 @@ class Supervisor:
                 self._watcher.log(line)
             self._watcher.tick(self._reports.statuses)
 
-    def _count(self) -> None:
+    def _ask_for_counts(self) -> None:
         round_ = self._detector.round
         for name in self._detector.to_ask(time.monotonic()):
             if name == LAUNCHER:
-                self._counted(LAUNCHER, round_, MessageCounts({}, dict(self._sockets.consumed)))
+                self._take_counts(LAUNCHER, round_, MessageCounts({}, dict(self._sockets.consumed)))
             else:
                 self._sockets.line.send(name, "count", round=round_)
 
-    def _counted(self, name: str, round_: int, count: MessageCounts) -> None:
+    def _take_counts(self, name: str, round_: int, count: MessageCounts) -> None:
         is_running, settings = self._finished is None, self._settings
         pause = settings.count_pause if is_running else settings.final_count_pause
         self._detector.answer(name, round_, count, time.monotonic(), pause)

@@ -26,9 +26,9 @@ class Received(NamedTuple):
 class _Edge:
     publisher: str
     topic: str
-    wanted: int = 0
-    newest: int = -1
-    in_step: bool = False
+    wanted: int = 0  # next sequence
+    newest: int = -1  # largest sequence that arrived after a gap; -1 if none
+    in_step: bool = False  # whether all earlier messages have been resent
 
 
 class Subscriber:

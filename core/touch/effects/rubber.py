@@ -21,9 +21,9 @@ from palpate.core.touch.pipeline import Fingertip, Phase, SimulatedTouch, Stage
 class ContactSolverSettings:
     """Solution of the half-space's contact problem."""
 
-    tolerance: float = 1e-7  # of the face's depth, fraction of the deepest indentation
+    tolerance: float = 1e-7  # largest error of the face's depth, over the deepest indentation
     max_steps: int = 1000  # 30 are usual at 16 by 16 taxels, 100 at 32 by 32
-    step_length: float = 1.9  # of a projected step, over 1 / norm of the kernel; below 2
+    step_length: float = 1.9  # of a projected gradient step, times the kernel's norm; below 2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
