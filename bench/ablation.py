@@ -49,12 +49,12 @@ class AblationSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TaxelSettings:
-    """Objects for the worth of all taxels, and limits of their error / that of contours alone."""
+    """Objects on which all taxels are compared with contours alone, and limits."""
 
     smooth: tuple[str, ...] = ("sphere", "egg", "vase", "twist")
     sharp: tuple[str, ...] = ("box", "step", "star")
-    counts: tuple[int, ...] = (5, 9)  # of contours at even heights
-    max_ratio: float = 0.5  # of that ratio
+    counts: tuple[int, ...] = (5, 9)  # contours at even heights
+    max_ratio: float = 0.5  # error with all taxels / error of contours alone
     max_sharp_ratio: float = 0.8  # the same for sharp objects with noise
 
 
@@ -227,7 +227,7 @@ def part_rows(quick: bool) -> Iterator[Worth | str]:
 
 def worth_of(name: str, pairs: Pairs) -> Worth:
     """Ratios over pairs of an outcome with the part and one without."""
-    ratios = [np.divide(off[:4], whole[:4]) for whole, off in pairs if off is not None]
+    ratios = [np.divide(reduced[:4], whole[:4]) for whole, reduced in pairs if reduced is not None]
     error, *costs = (mean_interval(column) for column in np.reshape(ratios, (-1, 4)).T)
     touches, robot_time, compute = (mean for mean, _, _ in costs)
     return Worth(name, error, touches, robot_time, compute, len(pairs), len(pairs) - len(ratios))

@@ -35,8 +35,8 @@ CORES = ((0, "one core"), (-1, "free cores"))
 class BusSettings:
     """How a message is measured, and what is demanded."""
 
-    n_laps: int = 2000  # there and back between two nodes
-    n_turns: int = 5  # of the full stack and of bare sockets
+    n_laps: int = 2000  # round trips between two nodes
+    n_turns: int = 5  # measurements of the full stack and of bare sockets
     n_messages: int = 300  # of a batch that is encoded and decoded
     n_batches: int = 10
     max_codec_time: float = 30.0  # [us] to encode and decode a message

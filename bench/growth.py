@@ -236,7 +236,7 @@ def _percent(name: str, arguments: Mapping[str, Any], tolerance: float) -> float
 
 
 def _turned(calls: Mapping[int, Callable[[], object]], scale: float, n_turns: int) -> Floats:
-    """Processor times (n, n_turns) of calls."""
+    """Processor times (n, n_turns) of calls [s], multiplied by `scale`."""
     timed = {n: partial(best_seconds, call, 1, time.process_time) for n, call in calls.items()}
     return scale * np.array([*in_turns(timed, n_turns).values()])
 

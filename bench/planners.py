@@ -44,9 +44,9 @@ class PlannerSettings:
     max_decision_time: float = 5.0  # [ms] of the default planner, for one slice
     max_over_uniform: float = 0.95  # contours of the default planner / of even slices
     max_over_positions: float = 0.70  # the same / of even slices without slopes
-    max_more: int = 1  # contours of the default planner minus even slices, on the worst object
+    max_extra_contours: int = 1  # of the default planner over even slices, on the worst object
     held_range: tuple[float, float] = (0.90, 0.98)  # fraction of the 95 % bounds that must hold
-    min_punctual: float = 0.80  # of runs: bound and error meet it at most 1 contour apart
+    min_punctual: float = 0.80  # of runs: bound and error reach tolerance at most 1 contour apart
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -55,7 +55,7 @@ class TemplateSettings:
 
     n_drawn: int = 80  # random objects; every second one chooses the constants
     rates: tuple[float, ...] = (0.02, 0.05, 0.15, 0.4, 1.0)  # of curvature; larger: shorter steps
-    # The same factor of the change of curvature, divided by that of curvature; 0: no influence.
+    # Rate of the change of curvature / rate of curvature; 0: the change has no influence.
     product_changes: tuple[float, ...] = (0.0, 0.5, 2.0)  # where two templates are multiplied
     joint_changes: tuple[float, ...] = (0.5, 2.0)  # the same, where one template has the sum
     # [fraction of the height] smallest and largest step
@@ -126,7 +126,9 @@ def count_rows(settings: PlannerSettings = DEFAULT_PLANNERS) -> Iterable[Row]:
         yield Row(f"predicted over {name}", f"{ratio:.2f}", f"<= {most:.2f}", ratio <= most)
     more = max(predicted[name] - even[name] for name in even)
     title = "predicted less uniform, on the worst object"
-    yield Row(title, str(more), f"<= {settings.max_more}", more <= settings.max_more)
+    yield Row(
+        title, str(more), f"<= {settings.max_extra_contours}", more <= settings.max_extra_contours
+    )
 
 
 def _trials(objects: Mapping[str, rules.Radius]) -> Trials:

@@ -53,10 +53,10 @@ class ComparisonSettings:
 
     n_samples: int = 20_000  # points on each surface
     touched_distance: float = 5e-3  # [m] from a touched point, within which a surface is covered
-    part_distances: tuple[float, float] = (2e-3, 5e-3)  # [m] from touch: touched | near | far
+    part_distances: tuple[float, float] = (2e-3, 5e-3)  # [m] largest of touched and of near parts
     n_independent: int = 400  # samples for trimesh on each surface
     n_at_once: int = 10  # of these samples, searched together; more take more memory
-    min_uncovered: float = 0.01  # fraction of a surface; runs with more not covered are reported
+    min_uncovered: float = 0.01  # uncovered fraction of a surface beyond which a run is counted
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

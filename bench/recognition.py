@@ -28,7 +28,7 @@ class RecognitionSettings:
     n_poses: int = 200  # of stored objects together
     n_unknown_poses: int = 40  # of other objects together
     level: int = 5  # of subdivision of the meshes; models are learned from this and a coarser one
-    edges: tuple[float, float] = (1.9e-3, 2.4e-3)  # [m] longest edges; finer than those learned
+    edges: tuple[float, float] = (1.9e-3, 2.4e-3)  # [m] range of longest edge; finer than learned
     seed: int = 26  # other than those of the copies from which models are learned
     min_recognised: float = 0.95  # share of stored objects
     max_false: float = 0.10  # share of other objects that are taken for a stored one

@@ -70,7 +70,7 @@ class RunGrowthSettings:
 
     touches: tuple[int, ...] = (100, 300, 1000, 3000, 10_000)  # wanted, of one finger
     fingers: tuple[int, ...] = (1, 2, 3, 4, 5)  # of runs with the default planner
-    touches_per_slice: float = 18.0  # of even slices, about: sets their number
+    touches_per_slice: float = 18.0  # roughly; converts wanted touches to slices
     max_fitted: int = 4000  # touches of the longest run to which the power is fitted
     max_power: float = 1.1  # of processor time over touches; 1: proportional
 

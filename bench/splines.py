@@ -66,7 +66,7 @@ def spline_rows(quick: bool) -> Iterator[Row]:
 def _parallel_rows(
     bases: list[Basis], control: Floats, points: Floats, settings: SplineSettings
 ) -> Iterator[Row]:
-    """Elapsed time with the points shared among threads / with one thread, as 6.1 proposes."""
+    """Elapsed time with points shared among threads / with one thread, as thesis 6.1 proposes."""
     n_threads = settings.n_threads
     with ThreadPoolExecutor(n_threads) as pool:
 

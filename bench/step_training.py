@@ -33,8 +33,8 @@ class TrainingSettings:
     n_compared: int = 12  # heights between two slices at which the side is compared
     margin: float = 0.02  # [fraction of the height] at the ends, without slices
     n_hidden: int = 6  # units of the network
-    quantile: float = 0.05  # of the longest steps; of 0.05 to 0.25 the best on 60 other objects
-    loss_width: float = 0.02  # of the smoothed kink of the quantile loss; 0 to 1 is all steps
+    quantile: float = 0.05  # of the longest steps; the best of 0.05 to 0.25 on 60 other objects
+    loss_width: float = 0.02  # [fraction of the log range of steps] of the loss's smoothed kink
     decay: float = 1e-3  # factor of the mean squared weight in the loss
     n_starts: int = 4  # of the minimisation, with random weights; the best is kept
 

@@ -327,9 +327,9 @@ def _rim(rng: np.random.Generator) -> PadSurface:
 
     def surface(x: Floats, y: Floats) -> tuple[Floats, Floats]:
         dx, dy = x - place[0], y - place[1]
-        along, beside = c * dx + s * dy, c * dy - s * dx
+        along, across = c * dx + s * dy, c * dy - s * dx
         end = along / math.tan(lean)
-        inside = np.maximum(radius**2 - beside**2, 0.0)
+        inside = np.maximum(radius**2 - across**2, 0.0)
         side = (radius - np.sqrt(inside)) / math.cos(lean) - along * math.tan(lean)
         return np.maximum(end, side), (side > end).astype(float)
 

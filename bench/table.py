@@ -154,7 +154,7 @@ def in_turns(calls: Mapping[Key, Callable[[], Result]], turns: int) -> dict[Key,
 def best_seconds(
     call: Callable[[], object], n_rounds: int, clock: Callable[[], float] = time.perf_counter
 ) -> float:
-    """The shortest time [s] of some n_rounds: other load on the computer only adds to it."""
+    """The shortest time [s] of `n_rounds` calls: other load on the computer only adds to it."""
     durations = []
     for _ in range(n_rounds):
         start = clock()

@@ -44,7 +44,7 @@ class HouseSettings:
 
     max_lines: int = 600  # of a file that is not long
     min_lines: int = 60  # of a file that is not short
-    min_rebuild_calls: int = 1000  # in one call of the reconstructor, which then has rebuilt
+    min_rebuild_calls: int = 1000  # function calls for one message; more: a rebuild took place
     min_frames: int = 10  # before a rebuild counts: earlier models are fits of a superquadric
 
 
@@ -122,15 +122,15 @@ def folder_size(name: str, paths: Iterable[Path]) -> FolderSize:
 
 def code_lines(text: str) -> int:
     """Lines that are neither blank nor comment nor part of a docstring."""
-    kept: set[int] = set()
+    lines: set[int] = set()
     for token in tokenize.generate_tokens(io.StringIO(text).readline):
         if token.type not in NO_CODE and token.type != tokenize.ENDMARKER:
-            kept.update(range(token.start[0], token.end[0] + 1))
+            lines.update(range(token.start[0], token.end[0] + 1))
     for node in ast.walk(ast.parse(text)):
         match node:
             case ast.Expr(value=ast.Constant(value=str()), lineno=first, end_lineno=int(last)):
-                kept.difference_update(range(first, last + 1))
-    return len(kept)
+                lines.difference_update(range(first, last + 1))
+    return len(lines)
 
 
 def _probe(what: str) -> dict[str, Any]:

@@ -131,9 +131,9 @@ class CommentsAsDocstrings(griffe.Extension):
 
 def comment_of(first: int, last: int, lines: Sequence[str]) -> str:
     """The comment behind the statement on these lines, counted from 1, or else the one above it."""
-    beside = COMMENT.search(lines[last - 1])
-    if beside:
-        return beside[1]
+    behind = COMMENT.search(lines[last - 1])
+    if behind:
+        return behind[1]
     above: list[str] = []
     for line in reversed(lines[: first - 1]):
         if not line.strip().startswith("#"):

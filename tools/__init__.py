@@ -1,5 +1,5 @@
-"""What a person does with graphs, runs and recordings: one chapter or room a tool.
+"""Tools for graphs, runs and recordings: each is one module or one package.
 
-Each chapter is one tool that may be changed or left out by itself; nothing below knows of it.
+Each may be changed or left out by itself; no lower package imports it.
 Rests on palpate.launch; the command line in tools.cli calls it.
 """

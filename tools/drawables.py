@@ -40,7 +40,7 @@ class DrawnSizes:
     taxel_radius: float = 0.0004  # [m]
     contact_radius: float = 0.0009  # [m] of a contact of the hand
     voxel_radius: float = 0.0006  # [m] of a cell at a boundary of free or unknown space
-    place_radius: float = 0.0015  # [m] of the middle of an opening without touches
+    place_radius: float = 0.0015  # [m] of the mark at an opening without touches
 
 
 SIZES = DrawnSizes()
@@ -51,7 +51,7 @@ class Layer(NamedTuple):
 
     label: str  # in legends
     colour: str  # ``#rrggbb``
-    hint: str
+    hint: str  # tooltip
     shown: bool = True  # at first, where layers can be chosen
     opacity: float = 1.0
     accumulates: bool = False  # whether a drawable leaves the earlier ones of its path in place

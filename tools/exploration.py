@@ -293,10 +293,10 @@ def perform_and_print(
         return _perform_and_print(plan, composed, as_json, quiet, verbose).exit_code
     from palpate.tools.view.beside import ViewProcess
 
-    with ViewProcess(plan.folder.path, (lambda _: None) if quiet else say) as beside:
+    with ViewProcess(plan.folder.path, (lambda _: None) if quiet else say) as view_process:
         done = _perform_and_print(plan, composed, as_json, quiet, verbose)
         if not silent and done.ending.status != "interrupted":
-            beside.stay(say)
+            view_process.stay(say)
     return done.exit_code
 
 

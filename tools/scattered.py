@@ -93,7 +93,7 @@ class _ReadPoints(NamedTuple):
     contacts: ContactPoints  # [m]
     platform: float | None  # height on which the object stands [m]
     unit: str
-    metres: float  # in that unit
+    metres: float  # length of that unit [m]
     assumed: bool  # whether the unit was not stated
     notes: tuple[str, ...]
 

@@ -17,7 +17,7 @@ class ShowSettings:
     """How a solid is drawn."""
 
     color: tuple[float, float, float] = (0.35, 0.55, 0.75)  # red, green, blue, from 0 to 1
-    figure_size: float = 6.0  # side of the figure where there is no browser [inch]
+    figure_size: float = 6.0  # [inch] side of the figure where there is no browser
 
 
 def show_solid(solid: Solid, settings: ShowSettings = ShowSettings()) -> Any:

@@ -115,8 +115,10 @@ def thinned(
         )
         cells = cells.ravel()
         sums = [np.bincount(cells, vertices[:, i]) for i in range(3)]
-        off = np.linalg.norm(vertices - np.column_stack(sums)[cells] / counts[cells, None], axis=1)
-        kept = np.lexsort((off, cells))[np.cumsum(counts) - counts]
+        distances = np.linalg.norm(
+            vertices - np.column_stack(sums)[cells] / counts[cells, None], axis=1
+        )
+        kept = np.lexsort((distances, cells))[np.cumsum(counts) - counts]
         groups = cells[faces].astype(np.int32)
         groups = groups[(groups != np.roll(groups, 1, axis=1)).all(axis=1)]
         cell *= 1.1

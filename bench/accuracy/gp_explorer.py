@@ -49,9 +49,9 @@ class ChoiceSettings:
 
     n_candidates: int = 400  # random points that are moved onto the surface; touch one of them
     n_newton_steps: int = 8  # by which each point is moved onto the surface
-    min_squared_slope: float = 0.1  # by which a step divides; larger: shorter steps where flat
+    min_squared_slope: float = 0.1  # smallest divisor of a step; larger: shorter steps where flat
     max_value: float = 5e-4  # [m] largest absolute implicit function of a candidate
-    travel_weight: float = 0.01  # [m of standard deviation / m of travel]; 0 does worse
+    travel_weight: float = 0.01  # [m of standard deviation / m of travel]; larger: shorter moves
     margin: float = 6e-3  # [m] around the object's box
     seed: int = 0
 

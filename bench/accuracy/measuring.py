@@ -28,7 +28,7 @@ class AccuracySettings:
     """What is explored."""
 
     objects: tuple[str, ...] = tuple(EXPLORED_OBJECTS)
-    shares: tuple[float, ...] = (0.01, 0.005, 0.002, 0.001, 0.0005)  # tolerances over the height
+    tolerances: tuple[float, ...] = (0.01, 0.005, 0.002, 0.001, 0.0005)  # [fraction of the height]
     n_seeds: int = 3
     max_touches: int = 200  # of a method that does not end by itself
     n_processes: int = 2
@@ -38,7 +38,7 @@ class AccuracySettings:
 class AccuracyDemands:
     """What is demanded of palpate; targets are errors as fractions of the height."""
 
-    dominated_below: float = 0.003  # targets at which no method may be cheaper
+    dominated_below: float = 0.003  # target; below it palpate must dominate every method
     middle_target: float = 0.005  # target on smooth objects
     max_middle_touches: int = 90  # to reach that: median over seeds, of the worst object
     max_loose_ratio: float = 0.45  # touches at the loosest tolerance / at the strictest
@@ -47,7 +47,7 @@ class AccuracyDemands:
 
 QUICK_ACCURACY = AccuracySettings(
     objects=("egg", "vase", "box", "bottle"),
-    shares=(0.01, 0.002, 0.0005),
+    tolerances=(0.01, 0.002, 0.0005),
     n_seeds=1,
     max_touches=100,
 )
@@ -107,7 +107,7 @@ def units_of(
 ) -> list[methods.Unit]:
     """All units of work, object by object."""
     objects = [*settings.objects, *(methods.meshes_in(meshes) if meshes else [])]
-    shares, most = settings.shares, settings.max_touches
+    tolerances, most = settings.tolerances, settings.max_touches
     together = tuple(name for name in names if name in methods.TOGETHER)
     groups = [together, *((name,) for name in names if name not in methods.TOGETHER)]
     return [
@@ -115,7 +115,9 @@ def units_of(
         for name in objects
         for seed in range(settings.n_seeds)
         for group in groups
-        for share in (shares if methods.contender_of(group[0]).has_tolerance else shares[-1:])
+        for share in (
+            tolerances if methods.contender_of(group[0]).has_tolerance else tolerances[-1:]
+        )
     ]
 
 
@@ -239,7 +241,7 @@ def _demand_rows(table: statistics.Table) -> Iterator[Row]:
         title = f"{100 * target:g} % on {len(costs)} smooth objects: touches, most"
         yield at_most(title, most, demands.max_middle_touches, ".0f")
     ratios = [_loose_over_strict(runs) for runs in ours.values()]
-    loose, strictest = (100 * AccuracySettings().shares[i] for i in (0, -1))
+    loose, strictest = (100 * AccuracySettings().tolerances[i] for i in (0, -1))
     title = f"touches at {loose:g} % over those at {strictest:g} %, median"
     yield at_most(title, float(np.median(ratios)), demands.max_loose_ratio, ".2f")
 

@@ -38,8 +38,8 @@ def table_of(runs: Iterable[Run]) -> Table:
 def run_for(runs: Sequence[Run], target: float) -> Run:
     """The run with the loosest tolerance within a target, else that with the strictest."""
     known = sorted(runs, key=lambda run: run.tolerance_m or math.inf)
-    fits = [run for run in known if (run.tolerance_m or 0.0) <= target * run.size_m * ROUNDING]
-    return fits[-1] if fits else known[0]
+    strict = [run for run in known if (run.tolerance_m or 0.0) <= target * run.size_m * ROUNDING]
+    return strict[-1] if strict else known[0]
 
 
 def cost_to_reach(runs: Sequence[Run], target: float, which: str) -> float:

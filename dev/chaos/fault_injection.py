@@ -39,7 +39,7 @@ ON_ONE_NODE, ON_SEVERAL_NODES, ENDING = (
     ("neighbours",),
     ("ctrl_c", "launcher"),
 )
-BESIDE = ("flood", "late")
+BESIDE = ("flood", "late")  # Other processes that disturb; no node is hit
 FAULT_KINDS = (*ON_ONE_NODE, *ON_SEVERAL_NODES, *BESIDE, *ENDING)  # The program's help has them
 PHASES = ("start", "grasp", "tracing", "models", "end")
 RECORDER_NAME = "recorder"
@@ -111,11 +111,11 @@ class FaultInjector:
         if card is None:
             return self._process.poll() is not None
         topics = {fault.topic for fault in self._left} - {""} | {STATUS_TOPIC}
-        with ExitStack() as kept:
-            context = kept.enter_context(zmq.Context())
+        with ExitStack() as stack:
+            context = stack.enter_context(zmq.Context())
             reader = TapReader(context, card.taps.values(), topics, depth=self._settings.tap_depth)
-            kept.enter_context(closing(reader))
-            kept.callback(self._end_onlookers)
+            stack.enter_context(closing(reader))
+            stack.callback(self._end_onlookers)
             while self._process.poll() is None and time.monotonic() < until:
                 reader.socket.poll(round(1e3 * self._settings.period))
                 self._receive(reader)
@@ -250,7 +250,7 @@ class GraphFacts(NamedTuple):
 def draw_faults(
     seed: int, facts: GraphFacts, kinds: Sequence[str], number: int, max_per_node: int = 3
 ) -> tuple[Fault, ...]:
-    """Faults of one run in any order: `number` of them, or one that ends the run.
+    """Draw the faults of a run: `number` of them in any order, or one that ends it.
 
     Consecutive seeds cover all nodes in all phases. `max_per_node`: with more faults on a node
     within 10 s the launcher would give up.

@@ -49,7 +49,7 @@ nodes:
 class TrialSettings:
     """Faults of a run, and how long it may take."""
 
-    faults_per_run: int = 8  # or one, which ends the run
+    faults_per_run: int = 8  # unless one fault ends the run
     max_slowdown: float = 20.0  # elapsed time of a run / of the run without faults
     extra_time: float = 120.0  # [s] added to that limit
     exit_grace: float = 5.0  # [s] after the end of the launcher, until all processes have ended

@@ -35,6 +35,7 @@ from palpate.messages import (
 from palpate.messages.recording import RecordingWriter, open_recording
 from palpate.messages.types import TYPES
 
+# Control words: what nodes report to the launcher, and what it asks of them.
 _NODE_WORDS: tuple[dict[str, Any], ...] = (
     {"kind": "ready"},
     {"kind": "finished", "reason": "all touched"},

@@ -216,8 +216,8 @@ def _damaged_array(rng: random.Random, value: Tree) -> Tree:
     """An array with another dtype, shape or content; another value in place of other types."""
     if not isinstance(value, dict) or value.keys() != {"dtype", "shape", "data"}:
         return _other(rng, value)
-    held: bytes = value["data"]
-    count = max(len(held) // 8, 1)
+    data: bytes = value["data"]
+    count = max(len(data) // 8, 1)
     half, shape = 8 * (count // 2), value["shape"]
     dtypes = "<f8", ">f8", "<f4", "<i4", "|b1", "|u1", "|O", "<U9", "<M8", ""
     changes: tuple[Tree, ...] = (
@@ -226,10 +226,10 @@ def _damaged_array(rng: random.Random, value: Tree) -> Tree:
         {"shape": [rng.choice(BOUNDARY_NUMBERS) for _ in shape]},
         *({"shape": [0, 2**63 - 1]}, {"shape": [0] * len(shape), "data": b""}),
         *({"shape": [-1, *shape[1:]]}, {"shape": [float(n) for n in shape]}),
-        *({"data": held[:-1]}, {"data": held + b"\0"}, {"data": rng.randbytes(len(held))}),
-        {"data": b"\xff" * len(held)},
-        {"data": held[:half] + b"\0\0\0\0\0\0\xf0\x7f" + held[half + 8 :]},
-        *({"data": held.hex()}, {"more": 1}),
+        *({"data": data[:-1]}, {"data": data + b"\0"}, {"data": rng.randbytes(len(data))}),
+        {"data": b"\xff" * len(data)},
+        {"data": data[:half] + b"\0\0\0\0\0\0\xf0\x7f" + data[half + 8 :]},
+        *({"data": data.hex()}, {"more": 1}),
     )
     return {**value, **rng.choice(changes)}
 

@@ -45,9 +45,9 @@ class TrialSettings:
     max_address_space: int = 512 << 20  # [bytes] added to what is used before the trials
     hang_time: float = 20.0  # [s] without progress, after which a process is killed
     poll_interval: float = 0.5  # [s] between two checks of a process
-    max_wait: float = 10.0  # [s] elapsed; above it elapsed time counts, not processor time
+    max_wait: float = 10.0  # [s] elapsed time; beyond it that counts, not processor time
     n_tries: int = 3  # of an input that takes too long: the processor may be shared
-    max_letters: int = 1000  # letters of the sentence of a refusal
+    max_letters: int = 1000  # of the sentence of a refusal
     n_shown: int = 5  # defects of a kind that are printed
 
 

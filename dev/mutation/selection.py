@@ -147,10 +147,10 @@ class Tests:
         from coverage import CoverageData
         from coverage.numbits import numbits_to_nums
 
-        kept = json.loads((work / "tests.json").read_text())
+        stored = json.loads((work / "tests.json").read_text())
         self.tree = work / "tree"
-        self.tests: dict[str, Any] = kept["tests"]
-        self.modules: list[str] = kept["modules"]
+        self.tests: dict[str, Any] = stored["tests"]
+        self.modules: list[str] = stored["modules"]
         self.cpu = {
             name: test["cpu"]
             for name, test in self.tests.items()
@@ -194,10 +194,10 @@ class Tests:
         own = {test for test in self.cpu if file_of(test) in mirrored(self.tree, file)}
         files = {file_of(test) for test in covering}
         is_few = len(covering) < settings.min_covering
-        beside = {test for test in self.cpu if file_of(test) in files} if is_few else set()
+        same_files = {test for test in self.cpu if file_of(test) in files} if is_few else set()
         chosen: list[str] = []
         spent = 0.0
-        for tests in (covering & own, covering - own, own - covering, beside - covering - own):
+        for tests in (covering & own, covering - own, own - covering, same_files - covering - own):
             for test in self._in_turn(tests):
                 has_time = spent + self.cpu[test] < settings.max_time
                 if len(chosen) < settings.max_tests and (has_time or not chosen):

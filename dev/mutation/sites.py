@@ -18,6 +18,7 @@ LEFT_OUT = ("bench", "cli", "damage", "fuzz", "scenes", "templates", "drawing")
 LEFT_OUT_FILES = ("bench_", "figures_", "testing")
 LEFT_OUT_ENDS = ("_objects", "_objects_drawn", "_text", "_tables", "_peer", "_peers", "_examples")
 LEFT_OUT_NAMES = ("closing", "display", "thesis_examples", "rebuild_shapes", "planner_trial")
+# Comparisons, and those that replace them.
 TURNED: dict[type[ast.cmpop], tuple[type[ast.cmpop], ...]] = {
     ast.Lt: (ast.LtE, ast.GtE),
     ast.LtE: (ast.Lt, ast.Gt),
@@ -52,8 +53,8 @@ class Body:
 
     file: str
     name: str
-    exact: str  # Hash
-    shape: str  # Hash without names
+    exact: str  # Hash of the code
+    shape: str  # Hash of the code without names
     points: tuple[Point, ...]
 
 
@@ -188,7 +189,7 @@ def _with_field(node: ast.expr | ast.stmt, field: str, value: object) -> str:
 
 
 def target(point: Point) -> ast.expr | ast.stmt:
-    """The node whose text is replaced: of a guard only its condition."""
+    """The node whose text is replaced; for a guard its condition."""
     return point.node.test if isinstance(point.node, ast.If | ast.IfExp) else point.node
 
 
@@ -330,7 +331,7 @@ def find(bodies: Sequence[Body], site: Site) -> tuple[Body, Point, str] | None:
 
 
 def _best(candidates: list[Body], site: Site) -> Body | None:
-    """The only candidate with the site's name or else its last name, or one of equal ones."""
+    """The candidate with the site's name, else its last name, else any; None if ambiguous."""
     named = [body for body in candidates if body.name == site.function]
     last = [body for body in candidates if _last_name(body.name) == _last_name(site.function)]
     for bodies in (named, last, candidates):

@@ -69,8 +69,8 @@ class KnownPress(NamedTuple):
     """One touch of a known shape."""
 
     pose: Pose  # of the pad, as the arm measured it
-    read: Floats  # (rows, cols) compression by the data sheet [m]
-    known: Floats  # (rows, cols) compression by the known shape [m]; 0 without contact
+    read: Floats  # (rows, cols) compression, converted by the data sheet [m]
+    known: Floats  # (rows, cols) computed from the known shape [m]; 0 without contact
 
 
 class Calibrated(NamedTuple):
@@ -280,13 +280,13 @@ def calibration_warnings(calibrated: Calibrated, limits: CalibrationLimits = LIM
             f"the arm was {1e3 * estimate.pose_error:.1f} mm off, or the pad is no spring"
         )
     before, after = _radii(calibrated)
-    off, off_before = (
+    error, error_before = (
         math.inf if measured is None else abs(measured.mean - radius)
         for measured in (after, before)
     )
-    if after is None or off > limits.max_radius_error * radius:
+    if after is None or error > limits.max_radius_error * radius:
         warnings.append("with it the ball is not measured as a ball of its size")
-    elif off > off_before + 3 * after.error:
+    elif error > error_before + 3 * after.error:
         warnings.append("with it the ball is measured worse than by the data sheet")
     return warnings
 

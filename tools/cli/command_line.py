@@ -64,9 +64,9 @@ def _scenes(_: click.Context, incomplete: str) -> Iterable[str]:
     from palpate.launch.scene import shipped_scenes
 
     folder = incomplete[: incomplete.rfind("/") + 1]
-    beside = sorted(path for path in Path(folder).glob("*") if path.is_file())
+    files = sorted(path for path in Path(folder).glob("*") if path.is_file())
     yield from shipped_scenes()
-    for path in beside:
+    for path in files:
         if path.suffix in (".yaml", ".yml") or is_mesh_file(path):
             yield folder + path.name
 

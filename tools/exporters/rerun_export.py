@@ -76,15 +76,15 @@ def _layout(blueprint: Any) -> Any:
         start=blueprint.TimeRangeBoundary.infinite(),
         end=blueprint.TimeRangeBoundary.cursor_relative(),
     )
-    kept = [name for name, layer in LAYERS.items() if layer.accumulates]
+    accumulating = [name for name, layer in LAYERS.items() if layer.accumulates]
     hidden = [name for name, layer in LAYERS.items() if not layer.shown]
     rebuilt = blueprint.Spatial3DView(
         name="Touched and rebuilt",
         origin="world",
         contents=["$origin/**", *(f"- $origin/{name}" for name in hidden)],
-        overrides={f"world/{name}": blueprint.VisibleTimeRanges([past]) for name in kept},
+        overrides={f"world/{name}": blueprint.VisibleTimeRanges([past]) for name in accumulating},
     )
-    beside = (
+    side_views = (
         *(
             blueprint.Spatial3DView(
                 name=LAYERS[name].label, origin="world", contents=f"$origin/{name}"
@@ -96,7 +96,7 @@ def _layout(blueprint: Any) -> Any:
         blueprint.TimeSeriesView(name="Force on the pad, N", origin="force_N"),
         blueprint.TextLogView(name="Log", origin="log"),
     )
-    columns = blueprint.Horizontal(rebuilt, blueprint.Vertical(*beside), column_shares=[2, 1])
+    columns = blueprint.Horizontal(rebuilt, blueprint.Vertical(*side_views), column_shares=[2, 1])
     return blueprint.Blueprint(columns, blueprint.TimePanel(timeline=TIMELINE))
 
 

@@ -100,7 +100,7 @@ class Film:
     width: int  # [pixels]
     height: int  # [pixels]
     settings: FilmSettings = DEFAULT_FILM
-    coloured: VertexColours | None = None  # vertices of the last model
+    coloured: VertexColours | None = None  # of the last model
 
     def __post_init__(self) -> None:
         if self.line.models:

@@ -166,7 +166,7 @@ def draw_array_frame(pad: PadSketch = PAD) -> Figure:
     face = pad.thickness - depth
     below, above = np.stack([x, y, 0.0 * x], -1), np.stack([x, y, 2.0 * face], -1)
     ends = {"x": np.array([11.0, 0, 0]), "y": np.array([0, 11.0, 0]), "z": np.array([0, 0, 9.5])}
-    corners = (one[::15, ::15].reshape(-1, 3) for one in (below, above))
+    corners = (grid[::15, ::15].reshape(-1, 3) for grid in (below, above))
     upright = [np.array(pair) for pair in zip(*corners, strict=True)]
     draw = style.together(
         style.lines(style.grid_lines(below), "#b0b8c0"),

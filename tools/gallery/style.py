@@ -67,9 +67,9 @@ def fitted_camera(
     axes = Camera(np.zeros(3), 1.0, *view).axes()
     seen = points @ axes.T
     middle = 0.5 * (seen.min(axis=0) + seen.max(axis=0))
-    off = np.abs(seen - middle)[:, :2] * layout.margin
+    offsets = np.abs(seen - middle)[:, :2] * layout.margin
     opened = np.tan(np.radians(0.5 * layout.opening)) * np.array([shape[1] / shape[0], 1.0])
-    distance = (off / opened).max(axis=1) + (seen - middle)[:, 2]
+    distance = (offsets / opened).max(axis=1) + (seen - middle)[:, 2]
     return Camera(middle @ axes, float(distance.max()), *view, opening=layout.opening)
 
 

@@ -87,8 +87,8 @@ def _corner() -> Floats:
     x, y = PAD.grid()
     turn = math.radians(12.0)
     along = x * math.cos(turn) + y * math.sin(turn) + 3.3e-3
-    beside = y * math.cos(turn) - x * math.sin(turn) + 2.6e-3
-    return np.where((along > 0.0) & (beside > 0.0), 1.2e-3 + 0.01 * x, 0.0)
+    across = y * math.cos(turn) - x * math.sin(turn) + 2.6e-3
+    return np.where((along > 0.0) & (across > 0.0), 1.2e-3 + 0.01 * x, 0.0)
 
 
 def _frames(truth: Floats, settings: FilterSettings) -> list[Frame]:

@@ -93,10 +93,10 @@ def _comments(source: str) -> Iterator[tuple[str, str]]:
     (statement,) = ast.parse(source).body
     for field in statement.body if isinstance(statement, ast.ClassDef) else ():
         if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name):
-            _, mark, beside = lines[(field.end_lineno or 0) - 1].rpartition("  # ")
+            _, mark, comment = lines[(field.end_lineno or 0) - 1].rpartition("  # ")
             above = takewhile(lambda line: line.lstrip()[:1] == "#", lines[field.lineno - 2 :: -1])
             words = [line.lstrip("# ") for line in above][::-1]
-            yield field.target.id, beside if mark else " ".join(words)
+            yield field.target.id, comment if mark else " ".join(words)
 
 
 def describe_kind(name: str) -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
 Copies may be lost on the way to a tool, but never delay a node. A message carries the number and
 time of its publisher, so lost copies do not change a rate; only delays depend on the arrival.
-Output is as of ros2.
+Output has the form of that of ros2.
 """
 
 from __future__ import annotations

@@ -100,8 +100,8 @@ def pareto_front(cost: ArrayLike, error: ArrayLike) -> Bools:
 
 def measured(rows: Iterable[Row], cost: str) -> list[Row]:
     """Rows with a known error and cost, the cheapest first."""
-    kept = [row for row in rows if None not in (row.record["rms_m"], row.record[cost])]
-    return sorted(kept, key=lambda row: row.record[cost])
+    known = [row for row in rows if None not in (row.record["rms_m"], row.record[cost])]
+    return sorted(known, key=lambda row: row.record[cost])
 
 
 def fronts(rows: Iterable[Row], cost: str) -> dict[str, list[Row]]:
@@ -227,11 +227,11 @@ def draw_front(
     colours = dict(zip(values, cycle(charts.SERIES), strict=False))
     place = partial(_coordinates, cost=cost, in_mm=len(best) == 1)
     notes = dict[str, str]()
-    kept = measured(rows, cost)
-    x, y, bounds, _ = zip(*map(place, kept), strict=True)
-    seen = [colours[text_of(row.asked[series])] for row in kept]
+    drawn = measured(rows, cost)
+    x, y, bounds, _ = zip(*map(place, drawn), strict=True)
+    seen = [colours[text_of(row.asked[series])] for row in drawn]
     axes.vlines(x, y, bounds, seen, linewidth=0.8, alpha=0.5)
-    for row, colour, at in zip(kept, seen, zip(x, y, strict=True), strict=True):
+    for row, colour, at in zip(drawn, seen, zip(x, y, strict=True), strict=True):
         gid = f"run{row.number}"
         filled = colour if row.record["exit_code"] == 0 else charts.PAGE
         url, notes[gid] = _link_and_note(row, folder)

@@ -170,8 +170,8 @@ def _located(text: str, settings: Settings) -> str:
 def mark_of(wirings: tuple[Wiring, ...], n_digits: int = 12) -> str:
     """Hash of the resolved parameters of a run: the first hexadecimal digits of their SHA-256."""
     nodes = [node for node in wirings if node.module != RECORDER]
-    kept = [(node.name, node.module, plain_params(node.params)) for node in nodes]
-    text = json.dumps([__version__, kept], default=str)
+    resolved = [(node.name, node.module, plain_params(node.params)) for node in nodes]
+    text = json.dumps([__version__, resolved], default=str)
     return hashlib.sha256(text.encode()).hexdigest()[:n_digits]
 
 

@@ -240,7 +240,7 @@ class Job(NamedTuple):
 
     run: SweepRun
     plan: Plan
-    folder: Path  # for its files, at the caller
+    folder: Path  # for its files, on the caller's machine
 
 
 def explore_into(plan: Plan, folder: Path) -> Record:

@@ -15,7 +15,7 @@ class ViewProcess:
     """The process of a view, which ends with its standard input: also if this process is killed.
 
     `end_timeout` [s]: after it, a view that does not end is killed. `poll_interval` [s]: between
-    two looks whether it still runs.
+    two checks whether it runs.
     """
 
     def __init__(

@@ -75,14 +75,14 @@ class Panel:
         self.slider = gui.add_slider("robot time, s", 0.0, 1.0, 0.1, 0.0)
         self.play = gui.add_button("Pause")
         # On a telephone a second panel is a section that is closed at first.
-        more = gui.add_panel()
-        more.dock_below(gui.main_panel)
-        with more.add_tab("Steps and colours"):
+        choices = gui.add_panel()
+        choices.dock_below(gui.main_panel)
+        with choices.add_tab("Steps and colours"):
             self._add_choices()
-        beside = gui.add_panel()
-        beside.dock_left()
-        beside.set_width(self.layout.width)
-        with beside.add_tab("Against robot time, s"):
+        plots = gui.add_panel()
+        plots.dock_left()
+        plots.set_width(self.layout.width)
+        with plots.add_tab("Against robot time, s"):
             self._touch = gui.add_html("")
             self._plots = {
                 "force": self._add_plot("force on the pad, N", (PALE, STRONG)),
