@@ -30,7 +30,7 @@ class MarquardtSettings:
 
     first_damping: float = 1e-3
     min_damping: float = 1e-12  # after good steps
-    min_raised: float = 1e-6  # before a bad step multiplies it
+    min_raised: float = 1e-6  # a smaller one is raised to it before a bad step multiplies it
     max_damping: float = 1e12  # larger ones end the iteration
     n_bound_passes: int = 3  # over steps that exceed bounds; later excesses are clipped
     min_column: float = 1e-14  # length over the longest column's; shorter ones are raised to it

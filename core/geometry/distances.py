@@ -52,7 +52,7 @@ class AlignmentSettings:
     n_refined: int = 4  # best starts, which are solved finely
     tolerance: float = 1e-7  # of the least-squares iteration
     min_turn: float = math.radians(5.0)  # [rad] between distinct motions
-    # A distinct motion with a residual up to the larger of both makes the result ambiguous.
+    # A distinct motion with a residual below either of these two makes the result ambiguous.
     max_ambiguous_ratio: float = 1.1  # over the least residual
     residual_floor: float = 5e-4  # fraction of the surface's size; facets alone cause as much
     # Of motions with equal residuals the least turned is taken.

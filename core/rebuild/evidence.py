@@ -130,7 +130,7 @@ def gather_curves(
 
 
 def _with_area(slices: Slices, bottom: float | None, top: float | None, min_area: float) -> Slices:
-    """Without figures of eight whose halves cancel: these have no direction.
+    """The slices without figures of eight whose halves cancel: these have no direction.
 
     Raises ValueError if none is left, or the object is too large or small.
     """
@@ -148,7 +148,7 @@ def _with_area(slices: Slices, bottom: float | None, top: float | None, min_area
 
 
 def _in_order(slices: Slices) -> Slices:
-    """Without contours whose points are in no order; ValueError if these are all."""
+    """The slices whose points are in order; ValueError if there are none."""
     disordered = np.array([loop.disordered for loop in slices.loops])
     if not disordered.any():
         return slices
@@ -163,7 +163,7 @@ def _in_order(slices: Slices) -> Slices:
 def _without_bad(
     slices: Slices, matched: Correspondence, settings: EvidenceSettings
 ) -> tuple[Slices, Correspondence, Floats]:
-    """Without contours that contradict their neighbours, and the offsets (M,) of those kept."""
+    """Slices without those that contradict their neighbours, and offsets (M,) of those kept."""
     grid = slide_along_curves(slices.heights, slices.fine, matched.places)
     test = inconsistent_contours(slices.heights, grid)
     if test.bad.any():
@@ -199,7 +199,7 @@ def _misfits(slices: Slices, matched: Correspondence) -> Floats:
 def _mended(
     slices: Slices, matched: Correspondence, settings: EvidenceSettings
 ) -> tuple[Slices, Correspondence]:
-    """Without outliers, which are searched again after those found are mended."""
+    """The slices with outliers moved to predicted places, searched up to `n_passes` times."""
     for _ in range(settings.n_passes):
         outliers = point_outliers(slices.loops, matched.places)
         same = zip(slices.loops, outliers.masks, strict=True)
@@ -219,7 +219,7 @@ def _matched(slices: Slices, settings: EvidenceSettings) -> Correspondence:
 def _ends(
     slices: Slices, tops: Floats | None, point_width: float
 ) -> tuple[Slices, float | None, float | None]:
-    """Heights of the touched ends, below and above; contours that are points touch them, too."""
+    """The slices, and the heights of touched ends; an end contour in one place touches its end."""
     touched = np.zeros(0) if tops is None else tops[:, 2]
     for row in (0, -1):
         width = np.ptp(slices.fine, axis=1).max(axis=1)

@@ -69,7 +69,7 @@ class RebuildSettings:
     """When contacts determine the side, where it ends, and how closely a lattice follows it."""
 
     min_points: int = 200  # on the side; with fewer contacts the contours alone are lofted
-    min_end_distance: float = 2e-3  # fraction of the height, from an end: there a side may be level
+    min_end_distance: float = 2e-3  # fraction of the height; nearer to an end a side may be level
     min_side_height: float = 0.05  # fraction of the height between the ends
     n_rim_turns: int = 160  # places of the side's rim that its ends are set onto
     lattice_misfit: float = 0.1  # fraction of the uncertainty of the side

@@ -206,7 +206,7 @@ class PeriodicBasis:
 
 @lru_cache(maxsize=64)
 def wound_basis(count: int, degree: int = CUBIC) -> Basis:
-    """One turn of the functions around a circle, and its first ones repeated."""
+    """Uniform closed functions as a `Basis`: one turn, then its first functions again."""
     return Basis(periodic_knots(count, degree), degree)
 
 

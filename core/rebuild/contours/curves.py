@@ -39,7 +39,7 @@ class HeightOutlierSettings:
     """When the height of a point is wrong: compared with the median of its neighbours' heights."""
 
     n_each_side: int = 4  # neighbours before and after; the median bears half of them wrong
-    min_sigmas: float = 6.0  # standard deviations of the contour's heights
+    min_sigmas: float = 6.0  # standard deviations of the heights' noise
     min_spread_ratio: float = 3.0  # over the neighbours' interquartile range, large on a slope
     min_deviation: float = 1e-4  # fraction of the perimeter: less does no harm
     max_share: float = 0.15  # of the points; beyond it the contour itself has this shape
@@ -52,8 +52,8 @@ class CurveSettings:
 
     n_fine: int = 512  # places along each curve at which it is compared with others
     max_noise_ratio: float = 1.6  # noise along over noise across; more means uneven steps
-    min_chord_ratio: float = 8.0  # over the noise, of the chords by which steps are compared
-    min_chords_around: int = 6  # such a chord spans at most a sixth of the points
+    min_chord_ratio: float = 8.0  # length of chords that compare steps, over the noise
+    min_chords_around: int = 6  # of these chords; larger shortens the chords
     heights: HeightOutlierSettings = HeightOutlierSettings()
 
 

@@ -26,16 +26,16 @@ CUBIC_POINTS = (1, 2, 4, 5)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OutlierSettings:
-    """When a single point deviates from its neighbours by more than the first three together."""
+    """A single point is an outlier if its deviation exceeds the sum of the first three."""
 
     min_sigmas: float = 4.5  # standard deviations of the points' noise
-    shared_fraction: float = 0.3  # of adjacent contours' deviation there, allowed besides
-    min_deviation: float = 5e-4  # fraction of the perimeter, allowed besides: it does little harm
+    shared_fraction: float = 0.3  # of the largest deviation of adjacent contours there
+    min_deviation: float = 5e-4  # fraction of the perimeter: less does little harm
     max_share: float = 0.15  # of a contour's points; beyond it the contour itself has this shape
     min_points: int = 12  # contours of fewer points are not judged
     n_rounds: int = 5  # of search: the largest outlier hides those beside it
-    uneven_slack: float = 0.3  # fraction of the mean step, allowed besides along uneven contours
-    n_repair_sweeps: int = 3  # of moving outliers to their places, for those side by side
+    uneven_slack: float = 0.3  # fraction of the mean step, added along uneven contours
+    n_repair_sweeps: int = 3  # moves of outliers to predicted places; more settle adjacent ones
     n_samples: int = 128  # places around at which contours are compared
     n_contours: int = 4  # nearest in the stack, with which each is compared
     window: float = 1.5  # [steps] on either side, within which a corner counts as the same
@@ -121,7 +121,7 @@ def _candidates(
     known: Bools,
     settings: OutlierSettings,
 ) -> tuple[Bools, Floats]:
-    """Points (N,) that deviate, the largest ones of each neighbourhood first; and mended points."""
+    """Mask (N,) of points that deviate, found from the largest ones on; and the mended points."""
     mended = np.concatenate([loop.points for loop in loops])
     outlier = np.concatenate([loop.outlier for loop in loops])
     for number in range(settings.n_rounds):

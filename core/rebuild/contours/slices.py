@@ -62,7 +62,7 @@ class MatchSettings:
     max_score_ratio: float = 0.85  # over the score of least twist, below which a method replaces it
     min_inner_slices: int = 6  # in larger stacks the two slices at either end are not scored
     min_distance: float = 1e-6  # fraction of the perimeter: smaller distances count as equal
-    n_scored: int = 64  # places around, at least if there are so many, at which scores are taken
+    n_scored: int = 64  # places around at which scores are taken; all if there are fewer
     max_lobe_shift: float = 0.17  # [turns] from the least twist, at which lobes are sought
     min_relief: float = 0.02  # of lobes: standard deviation of a signature over its mean
     min_correlation: float = 0.5  # of two signatures; else the least twist is kept

@@ -53,7 +53,7 @@ class UntouchedEndSettings:
     max_pole_distance: float = 2.0  # [spacings of the last contours] beyond the last contour
     # Squared radius of the last contour over that of the fourth from it: an end is near only if
     # the contours have begun to narrow.
-    max_narrowing: float = 0.75
+    max_square_ratio: float = 0.75
     # Imaginary over real part of a root: noise makes a double root complex.
     max_imaginary_ratio: float = 0.15
     min_shoulder_contours: int = 12  # fewer lie too far apart to show how an edge is rounded
@@ -256,7 +256,7 @@ def free_pole(
     square = float(radii[fourth]) ** 2
     misfit = abs(trend.at(float(depths[fourth] - depths[-1])) - square) / square
     allowed = settings.max_pole_misfit + settings.pole_sigmas * scatter / float(radii[fourth])
-    narrows = trend.slope < 0.0 and trend.square < settings.max_narrowing * square
+    narrows = trend.slope < 0.0 and trend.square < settings.max_square_ratio * square
     pole = _first_root(trend, settings.max_imaginary_ratio)
     is_near = pole < settings.max_pole_distance * float(depths[-1] - depths[-2])
     return pole if misfit < allowed and narrows and is_near else None
@@ -284,7 +284,7 @@ def free_shoulder(
     untouched, fourth = settings.untouched, -1 - N_TREND_CONTOURS
     if len(depths) < untouched.min_shoulder_contours:
         return None
-    if not radii[-1] ** 2 < untouched.max_narrowing * radii[fourth] ** 2:
+    if not radii[-1] ** 2 < untouched.max_square_ratio * radii[fourth] ** 2:
         return None
     begin = float(depths[-(len(depths) // 2 + 1)])
     limits = untouched.min_shoulder_height, untouched.max_shoulder_height

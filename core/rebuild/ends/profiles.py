@@ -32,7 +32,7 @@ class ProfileSettings:
     """How each family is fitted to the last contours; tuned on the shipped scenes."""
 
     max_flare: float = 0.5  # largest relative growth of the radius from the rim to a flat end
-    min_cone_slope: float = 1e-6  # least distance of a conic's slope from -1; nearer, a cone
+    cone_tolerance: float = 1e-6  # distance of a conic's slope from -1, up to which it is a cone
     n_shoulder_contours: int = 6  # contours to which a superellipse is fitted
     shoulder_start: int = 10  # contour, counted from the end, at which a superellipse is widest
     exponents_per_octave: int = 8  # exponents that are tried, from 1; 2, a ball's, is one of them
@@ -275,7 +275,7 @@ def flat(depths: Floats, radii: Floats, end: float, settings: ProfileSettings) -
 def conic(depths: Floats, radii: Floats, end: float, settings: ProfileSettings) -> Profile:
     """Conic with the slope of the last contours; parameters as of `superellipse`."""
     slope = float(np.clip(_slope(depths, radii, end), -1.0, 0.0))
-    return Flat(-1.0) if slope < settings.min_cone_slope - 1.0 else Conic(slope)
+    return Flat(-1.0) if slope < settings.cone_tolerance - 1.0 else Conic(slope)
 
 
 def _slope(depths: Floats, radii: Floats, end: float) -> float:

@@ -29,7 +29,7 @@ class EndHeightSettings:
     contacts: EndContactSettings = field(default_factory=EndContactSettings)
     max_level_angle: float = math.radians(0.5)  # [rad] largest slope of the plane of a level touch
     min_touches: int = 3  # on a level face or a dome, to determine its height
-    max_sigmas: float = 3.0  # standard deviations below higher touches' mean, to be averaged
+    max_sigmas: float = 3.0  # pose errors below the higher touches' mean; lower ones are left out
     max_level_sigmas: float = 4.0  # the same of level touches, which are all of one height
     min_dome_normal: float = 0.995  # axial component of the normals that belong to a dome
     max_dome_depth: float = 0.01  # fraction of the extent, below the farthest taxel of a dome
@@ -44,7 +44,7 @@ class EdgeSampleSettings:
     n_sectors: int = 12  # parts of a turn in which touches are counted
     min_sectors: int = 4  # sectors touched at a height; fewer may be a feature of one side
     min_radial_normal: float = 0.2  # radial component of a normal; level faces have no radius
-    min_mean_normal: float = 0.4  # the same on average: on a face that leans over there is no edge
+    min_mean_normal: float = 0.4  # least mean of these; a face that leans over has no edge
     min_height: float = 0.6  # fraction of the height to the end, below which all edges are alike
     # Fraction of the height to the end. Beyond it contacts lie on the end: a row of taxels across a
     # sharp edge has normals between both sides, as on a rounding.
@@ -58,8 +58,8 @@ class TouchedEndSettings:
 
     n_rows: int = 14  # rows of the side that determine the profile of the end
     rows_height: float = 0.15  # fraction of the side's height, over which they lie
-    max_lean: float = 0.15  # of the row's radius: a middle farther off the axis is sampled again
-    middle_weight: float = 2.0  # of the prior, the middle on the rows' axis, in contact points
+    max_lean: float = 0.15  # of the row's radius: farther off the axis, edges are sampled again
+    middle_weight: float = 2.0  # [contacts] of the prior that the middle is on the rows' axis
     n_iterations: int = 4  # fits of the middle, with azimuths about the one before
     max_center_offset: float = 1.0  # of the row's radius; a middle beyond it is rejected
     edge: EdgeSampleSettings = EdgeSampleSettings()

@@ -35,31 +35,31 @@ class EdgeSettings:
     reach: float = 8.0e-3  # [m] from a place, of the touched points to which its faces are fitted
     max_points: int = 300  # nearest touched points that are used
     n_faces: int = 3  # largest number of faces that meet at a place
-    cone: float = math.radians(28.0)  # [rad] largest angle of a face's normals to their mean
-    apart: float = math.radians(40.0)  # [rad] least angle of another face's normals to that mean
+    max_face_angle: float = math.radians(28.0)  # [rad] of a face's normals to their mean
+    min_other_angle: float = math.radians(40.0)  # [rad] of another face's normals to that mean
     min_points: int = 12  # of a face
     bandwidth: float = 5.0e-3  # [m] standard deviation of the Gaussian weights of points
     curvature: float = 30.0  # [1/m] prior standard deviation of a face's curvature
     point_error: float = 0.05e-3  # [m] standard deviation of a touched point
-    outlier: float = 2.5  # standard deviations at which the rows of a point are halved
+    outlier_sigmas: float = 2.5  # standard deviations at which the rows of a point are halved
     min_angle: float = math.radians(40.0)  # [rad] between the faces at an edge
     max_shift: float = 5.0e-3  # [m] of an edge from the spline's surface
     # An edge is sharp if a fraction of the touched points near to it fits the faces, and if each
     # face has points close to the edge.
-    tested: float = 2.5e-3  # [m] from the edge: points that are tested
+    test_distance: float = 2.5e-3  # [m] from the edge, up to which points are tested
     min_share: float = 0.75  # fraction of the tested points that must fit
-    fits: float = 0.12e-3  # [m] largest distance of a fitting point from the faces
-    beside: float = 1.5e-3  # [m] from the other face, up to which a point is close to the edge
-    min_beside: int = 2  # close points of each face
-    # An edge with fewer tested points is undecided: it is sharp if a fraction of the decided edges
-    # of the object is.
+    max_misfit: float = 0.12e-3  # [m] distance from the faces of a point that fits
+    close_distance: float = 1.5e-3  # [m] of a close point from the other face
+    min_close: int = 2  # close points of each face
+    # An edge with fewer tested points is undecided: it is sharp if so large a fraction of the
+    # object's decided edges is.
     min_tested: int = 6  # points
-    usual_share: float = 0.7  # the fraction
-    moved: float = 4.5e-3  # [m] from an edge, up to which vertices are moved by the whole shift
-    kept: float = 7.0e-3  # [m] from an edge, beyond which vertices stay; between, they fade
+    min_sharp_share: float = 0.7  # the fraction
+    full_shift_reach: float = 4.5e-3  # [m] from an edge; nearer vertices move by the whole shift
+    shift_reach: float = 7.0e-3  # [m] from an edge; the shift fades up to there, and ends
     n_blended: int = 3  # nearest places on edges, whose faces are averaged to move a vertex
     # Largest shift of a vertex onto an edge, over the length of the triangle side that crosses it.
-    max_way: float = 2.0
+    max_shift_ratio: float = 2.0
     max_fold: float = math.radians(30.0)  # [rad] between normals of one face; more is another face
     fit_rounds: int = 6  # weighted fits of a face, to weigh outliers
     crease_rounds: int = 8  # Newton steps onto two or three faces
@@ -116,9 +116,9 @@ def find_edges(
 
     `points` [m], `normals` (k, 3): touched points, displaced as they are in the fit.
     """
-    tree, fitted, most = point_tree(points), [], np.arange(1, settings.max_points + 1)
+    tree, fitted, ranks = point_tree(points), [], np.arange(1, settings.max_points + 1)
     for place in _thinned(bent, settings.spacing):
-        near = np.asarray(tree.query(place, most, distance_upper_bound=settings.reach)[1])
+        near = np.asarray(tree.query(place, ranks, distance_upper_bound=settings.reach)[1])
         near = near[near < len(points)]
         faces = [
             (_paraboloid(points[near][own] - place, mean, settings), points[near][own].mean(axis=0))
@@ -143,7 +143,7 @@ def _side_masks(normals: Floats, settings: EdgeSettings) -> list[tuple[Bools, Fl
 
     The face with the most points comes first; no point belongs to two faces.
     """
-    alike = normals @ normals.T > math.cos(settings.cone)
+    alike = normals @ normals.T > math.cos(settings.max_face_angle)
     left, sides = np.ones(len(normals), np.bool_), list[tuple[Bools, Floats]]()
     while len(sides) < settings.n_faces and left.sum() >= settings.min_points:
         counts = (alike & left).sum(axis=1) * left
@@ -151,10 +151,10 @@ def _side_masks(normals: Floats, settings: EdgeSettings) -> list[tuple[Bools, Fl
         for _ in range(3):
             mean = normals[own].mean(axis=0)
             mean = mean / np.linalg.norm(mean)
-            own = left & (normals @ mean > math.cos(settings.cone))
+            own = left & (normals @ mean > math.cos(settings.max_face_angle))
             if own.sum() < settings.min_points:
                 return sides
-        left &= normals @ mean < math.cos(settings.apart)
+        left &= normals @ mean < math.cos(settings.min_other_angle)
         sides.append((own, mean))
     return sides
 
@@ -179,7 +179,7 @@ def _paraboloid(points: Floats, normal: Floats, settings: EdgeSettings) -> _Face
         coefficients = np.linalg.solve(squares, rows.T @ (z * shares * inlying))
         off = np.abs(z - terms @ coefficients)
         scale = max(1.48 * float(np.median(off)), settings.point_error)
-        inlying = 1.0 / (1.0 + (off / (settings.outlier * scale)) ** 2)
+        inlying = 1.0 / (1.0 + (off / (settings.outlier_sigmas * scale)) ** 2)
     return _Face(frame, coefficients)
 
 
@@ -220,7 +220,7 @@ def _sharp_ones(edges: Edges, points: Floats, settings: EdgeSettings) -> Edges |
     edges, creases, pair = edges.only(good), creases[good], pair[good]
     counts, confirmed = _confirmed(edges, creases, pair, points, settings)
     tested = counts >= settings.min_tested
-    usual = tested.any() and confirmed[tested].mean() >= settings.usual_share
+    usual = tested.any() and confirmed[tested].mean() >= settings.min_sharp_share
     kept = confirmed | (~tested if usual else False)
     if not kept.any():
         return None
@@ -234,17 +234,17 @@ def _confirmed(
 
     `pair` (e, 2): the two faces that meet.
     """
-    near = point_tree(creases).query_ball_tree(point_tree(points), settings.tested)
+    near = point_tree(creases).query_ball_tree(point_tree(points), settings.test_distance)
     counts = np.array([len(indices) for indices in near], np.int32)
     number = np.repeat(np.arange(len(creases), dtype=np.int32), counts)
-    beside = points[np.concatenate([np.array(indices, np.int64) for indices in near])]
-    distances, rows = edges.faces_at(number, beside)[0], np.arange(len(number))
-    fits = np.abs(distances[rows, edges.active(number, distances)]) < settings.fits
+    tested_points = points[np.concatenate([np.array(indices, np.int64) for indices in near])]
+    distances, rows = edges.faces_at(number, tested_points)[0], np.arange(len(number))
+    fits = np.abs(distances[rows, edges.active(number, distances)]) < settings.max_misfit
     confirmed = np.bincount(number, fits, len(creases)) >= settings.min_share * counts
     for own, other in ((0, 1), (1, 0)):
-        on_face = np.abs(distances[rows, pair[number, own]]) < settings.fits
-        close = np.abs(distances[rows, pair[number, other]]) < settings.beside
-        confirmed &= np.bincount(number, on_face & close, len(creases)) >= settings.min_beside
+        on_face = np.abs(distances[rows, pair[number, own]]) < settings.max_misfit
+        close = np.abs(distances[rows, pair[number, other]]) < settings.close_distance
+        confirmed &= np.bincount(number, on_face & close, len(creases)) >= settings.min_close
     return counts, confirmed
 
 
@@ -290,7 +290,7 @@ def sharpened(
     ranks = np.arange(1, min(settings.n_blended, len(edges.places)) + 1)
     nearest_edges = scipy.spatial.cKDTree(edges.places).query(vertices, ranks)
     away, which = np.asarray(nearest_edges[0], np.float64), np.asarray(nearest_edges[1], np.int32)
-    near = np.flatnonzero(away[:, 0] < settings.kept).astype(np.int32)
+    near = np.flatnonzero(away[:, 0] < settings.shift_reach).astype(np.int32)
     if not len(near):
         return vertices
     away, which = away[near], which[near]
@@ -307,11 +307,12 @@ def sharpened(
     places = _snapped(edges, vertices, faces, near, which[:, 0], places, settings)
     corners = _corners(edges, settings)
     if len(corners):
-        ways, nearest = map(np.asarray, scipy.spatial.cKDTree(places).query(corners))
-        close = ways < settings.spacing
+        shifts, nearest = map(np.asarray, scipy.spatial.cKDTree(places).query(corners))
+        close = shifts < settings.spacing
         places[nearest[close]] = corners[close]
     shift = places - vertices[near]
-    fading = np.clip((settings.kept - away[:, 0]) / (settings.kept - settings.moved), 0.0, 1.0)
+    fading_width = settings.shift_reach - settings.full_shift_reach
+    fading = np.clip((settings.shift_reach - away[:, 0]) / fading_width, 0.0, 1.0)
     fading[np.linalg.norm(shift, axis=1) > settings.max_shift] = 0.0
     moved = vertices.copy()
     moved[near] += fading[:, None] * shift
@@ -326,7 +327,7 @@ def _corners(edges: Edges, settings: EdgeSettings) -> Floats:
         places = places - _newton_step(distances, normals, settings.reach)
     cosines = np.einsum("nai,nai->na", normals, np.roll(normals, 1, axis=1))
     good = (cosines < math.cos(settings.min_angle)).all(axis=1)
-    good &= np.linalg.norm(places - edges.places, axis=1) < settings.moved
+    good &= np.linalg.norm(places - edges.places, axis=1) < settings.full_shift_reach
     return _thinned(places[good], settings.spacing)
 
 
@@ -350,11 +351,11 @@ def _snapped(
     across = np.einsum("ni,ni->n", facing[first], facing[second]) < math.cos(settings.max_fold)
     first, second = first[across], second[across]
     creases, angles = _onto_crease(edges, which, places, pair, settings)
-    ways = np.linalg.norm(creases - places, axis=1)
-    ways[angles < settings.min_angle] = np.inf
-    nearer = np.where(ways[first] < ways[second], first, second)
+    shifts = np.linalg.norm(creases - places, axis=1)
+    shifts[angles < settings.min_angle] = np.inf
+    nearer = np.where(shifts[first] < shifts[second], first, second)
     length = np.linalg.norm(places[first] - places[second], axis=1)
-    snapped = np.unique(nearer[ways[nearer] < settings.max_way * length])
+    snapped = np.unique(nearer[shifts[nearer] < settings.max_shift_ratio * length])
     places = places.copy()
     places[snapped] = creases[snapped]
     return places

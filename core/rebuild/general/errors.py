@@ -60,8 +60,8 @@ class ErrorSettings:
     min_slope: float = 0.3  # least norm of a gradient by which a value is divided for a distance
     max_value: float = 0.1  # [cells] distance by the spline, up to which places are on the surface
     min_error: float = 10e-6  # [m] error of a mesh of the surface, added in squares
-    growth: float = 0.5  # largest growth of the error per distance from touched points
-    near: float = 0.7  # [cells] from touched points, up to which places count as touched
+    max_growth: float = 0.5  # of the error per distance from touched points
+    touched_distance: float = 0.7  # [cells] from touched points; nearer places count as touched
     bend_reach: float = 3e-3  # [m] distance over which the bend is measured, an angle of normals
     bend_weight: float = 4.1  # [1/rad] larger: larger errors at edges (k in the module text)
     bound_factor: float = 1.25  # bound of 95 % over the expected error
@@ -109,7 +109,7 @@ class SurfaceErrors:
     ) -> tuple[Floats, Floats]:
         """Expected errors (n,) at places (n, 3) at distances (n,), and their bounds of 95 %."""
         bends = self.bends[scipy.spatial.cKDTree(self.places).query(places)[1]]
-        beyond = settings.growth * np.maximum(distances - self.distances[-1], 0.0)
+        beyond = settings.max_growth * np.maximum(distances - self.distances[-1], 0.0)
         errors = np.interp(distances, self.distances, self.errors) + beyond
         common = self.common * _edge_factors(bends, settings)
         errors = np.hypot(errors * np.sqrt(bend_factors(bends, settings.bend_weight)), common)
@@ -180,9 +180,10 @@ def _by_distance(
     distances: Floats, variances: Floats, cell: float, settings: ErrorSettings
 ) -> tuple[Floats, Floats]:
     """Mean distance of each class and the largest of all, (k,), and errors there, (k,) [cells]."""
-    # Far from touched points the spline is free, but an object departs no faster than `growth`.
-    touched = float(np.median(variances[distances <= max(settings.near, float(distances.min()))]))
-    variances = np.minimum(variances, (np.sqrt(touched) + settings.growth * distances) ** 2)
+    # Far from touched points the spline is free, but an object departs no faster than `max_growth`.
+    near = distances <= max(settings.touched_distance, float(distances.min()))
+    touched = float(np.median(variances[near]))
+    variances = np.minimum(variances, (np.sqrt(touched) + settings.max_growth * distances) ** 2)
     classes = np.digitize(distances, settings.class_borders) - 1
     members = [classes == number for number in np.unique(classes)]
     middles = [*(distances[here].mean() for here in members), distances.max()]

@@ -201,7 +201,7 @@ def _columns(solution: Solution, sketches: list[_Sketch], width: int) -> scipy.s
 
 
 def _without_iteration(solution: Solution, displacements: Floats) -> Solution:
-    """The solution without conjugate gradients: leaving out would enlarge what they leave."""
+    """The solution by direct solving: leaving out would enlarge errors of conjugate gradients."""
     coupling, factor = solution.coupling(), solution.factor
     moved = -displacements @ (coupling.T @ factor.solve(solution.right))
     control = factor.solve(solution.right - coupling @ moved)

@@ -29,11 +29,11 @@ class GridSettings:
     max_cells: int = 5_000  # of a spline's band; larger takes more memory and time
     max_wall_cells: int = 12_000  # of a band whose cells are small because walls are thin
     small_cell: float = 0.9  # fraction of the requested edge; smaller cells were made for walls
-    more_touches: float = 1.25  # ratio of touches, after which a draft tries such cells again
+    more_touches: float = 1.25  # ratio of touches, after which a draft tries wall cells again
     cells_per_square: float = 2.0  # expected cells of a band, per area of surface in cells^2
     max_voxels: float = 1.5e6  # of the coarse solid, without its padding
     excess: float = 1.15  # ratio of cells to `max_cells` that a fit still accepts
-    dense: float = 12.0e-3  # [m] mean spacing of touches, below which drafts take final cells
+    dense: float = 12.0e-3  # [m] mean spacing of touches, below which drafts have final cells
     max_points: int = 30_000  # touched points; of more, every n-th point of a touch is used
     max_hull_points: int = 5_000  # used for the area of the hull
 
@@ -47,7 +47,7 @@ class SamplingSettings:
     min_spread: float = 3.0e-3  # [m]
     max_spread: float = 12.0e-3  # [m]
     max_area: float = 1.5  # largest area of one point, over the hull's area per touch
-    min_rounds: int = 2  # fits, each with outliers weighed by the one before, if none is known
+    min_rounds: int = 2  # fits without an earlier solid; each weighs outliers by the one before
     flat: float = 1e-6  # [m] rms distance from a plane, below which points enclose no solid
 
 
@@ -64,16 +64,16 @@ class BandSettings:
     """Which cells the spline covers; lengths in cells."""
 
     width: float = 1.0  # [cells] on both sides of the estimated surface; larger costs more
-    foot: float = 0.5  # [cells] over the lowest touches; the band has all inner cells below
-    lowest: float = 0.5  # [%] percentile of the points' heights that is the lowest touches' height
-    searched: float = 4.0  # [cells] from the coarse surface, where an earlier spline is evaluated
+    foot: float = 0.5  # [cells] over the lowest touches, up to which the band has all inner cells
+    lowest: float = 0.5  # [%] percentile of the points' heights; it is that of the lowest touches
+    searched: float = 4.0  # [cells] from the coarse surface; nearer, an earlier spline decides
     # An earlier spline's surface is given up where it is farther outside the coarse solid, and
     # farther from touched points, than this: a lid over a hollow that a finger entered since.
     outside: float = 1.0  # [cells]
     untouched: float = 2.0  # [cells]
-    lacked: float = 3.0  # [cells] from an earlier band, beyond which the coarse solid is used
-    # Standard deviation of the coarse solid, per cell that fingers swept and that lies farther than
-    # `untouched` from touched points; larger lets the spline close cavities that were entered.
+    lacked: float = 3.0  # [cells] from an earlier band; the coarse surface adds only cells beyond
+    # In cells that fingers swept, farther than `untouched` from touched points, the coarse solid
+    # has this standard deviation; larger lets the spline close cavities that were entered.
     swept: float = 1.0e-3  # [m]
     widening: WideningSettings = WideningSettings()
     draft_widening: WideningSettings = WideningSettings(max_rounds=1, max_missing=0.01)
@@ -101,12 +101,12 @@ class SplineSettings:
 
     cell: float = 4.0e-3  # [m] edge of a cell of the final solid; larger is coarser and faster
     draft_cell: float = 5.0e-3  # [m] edge of a cell of a draft, and of the fit before a finer one
-    point: float = 0.06e-3  # [m] standard deviation of a touched point
-    normal: float = 0.2  # standard deviation of a component of its unit normal
+    point_error: float = 0.06e-3  # [m] standard deviation of a touched point
+    normal_error: float = 0.2  # standard deviation of a component of its unit normal
     pose: float = 0.1e-3  # [m] standard deviation of a touch's displacement
-    variation: float = 0.05  # [m] weight of squared third derivatives: larger is smoother
-    detail: float = 3.0  # power of cell / `draft_cell` by which that weight is multiplied
-    anchor: float = 1e6  # [1/m^5] weight of the distance to the coarse solid, squared
+    roughness_weight: float = 0.05  # [m] of squared third derivatives: larger is smoother
+    cell_power: float = 3.0  # power of cell / `draft_cell` by which that weight is multiplied
+    anchor_weight: float = 1e6  # [1/m^5] of the distance to the coarse solid, squared
     min_slope: float = 0.2  # least norm of a gradient by which a value is divided for a distance
     n_projections: int = 2  # steps of Newton's method onto the surface
     max_retreats: int = 20  # rounds in which vertices of crossing faces are moved back to the grid

@@ -161,11 +161,11 @@ class GeneralSolid(Solid):
         return surface_bends(self.fit, local, self.cell, self.settings.errors)
 
     def is_sharp(self, places: Floats) -> Bools:
-        """Mask of the places (n, 3) within `EdgeSettings.moved` of a sharp edge."""
+        """Mask of the places (n, 3) within `EdgeSettings.full_shift_reach` of a sharp edge."""
         if self.edges is None:
             return np.zeros(len(places), np.bool_)
         away = point_tree(self.edges.places).query(places)[0]
-        return np.asarray(away < self.settings.edges.moved)
+        return np.asarray(away < self.settings.edges.full_shift_reach)
 
     def __repr__(self) -> str:
         return f"<GeneralSolid {self._size()} m, of {len(self.fit.displacements)} touches>"
@@ -337,11 +337,11 @@ def cell_weights(
 ) -> Weights:
     """Weights of the energy in units of cells, for an edge `cell` [m] and a `pose` error [m]."""
     return Weights(
-        settings.point / cell,
-        settings.normal,
+        settings.point_error / cell,
+        settings.normal_error,
         pose / cell,
-        settings.variation * (cell / settings.draft_cell) ** settings.detail / cell,
-        settings.anchor * cell**5,
+        settings.roughness_weight * (cell / settings.draft_cell) ** settings.cell_power / cell,
+        settings.anchor_weight * cell**5,
     )
 
 

@@ -28,7 +28,8 @@ class CoarseSettings:
 
     padding: int = 7  # [voxels] of grid around all points, where the function falls to 0
     screening: float = 0.5  # weight of the points' values over their normals'; larger is closer
-    hull: float = 0.0064  # weight of the hull: its root is 1 over its range, about 12 voxels
+    # Weight of a pull to 1 in the hull, to 0 outside; it acts over 1 / root, about 12 voxels.
+    hull_weight: float = 0.0064
     max_hull_points: int = 3000  # used for the hull; more change it by less than a voxel
     free_weight: float = 0.5  # weight of pulled voxels: swept ones inside, and the grid's border
     free_margin: float = 0.08  # least depth of swept voxels' values below the surface's level
@@ -36,7 +37,7 @@ class CoarseSettings:
     free_rounds: int = 4  # solutions, each with swept voxels pulled that are still inside
     max_wrong_voxels: int = 5  # newly wrong swept voxels, below which the rounds end
     max_steps: int = 60  # of conjugate gradients
-    residual: float = 3e-3  # fraction of the right-hand side, at which they stop
+    max_residual: float = 3e-3  # fraction of the right-hand side, at which they stop
     min_part: int = 27  # [voxels] smaller parts are left out
     smoothing: float = 0.7  # [voxels] Gaussian of the distances, which smooths steps of the grid
 
@@ -174,8 +175,9 @@ def _screened(
     divergence = sum(1j * wave * field for wave, field in zip(waves, fields, strict=True))
     right = scipy.fft.irfftn(divergence * np.exp(-0.5 * squares), grid.shape)
     screen = (splat.T @ (settings.screening * areas)).reshape(grid.shape)
-    right, diagonal = right + 0.5 * screen, screen + settings.hull
-    right = right + settings.hull * (_in_hull(grid, points, settings.max_hull_points) & ~free)
+    right, diagonal = right + 0.5 * screen, screen + settings.hull_weight
+    hull = _in_hull(grid, points, settings.max_hull_points)
+    right = right + settings.hull_weight * (hull & ~free)
     border = np.ones(grid.shape, np.bool_)
     border[1:-1, 1:-1, 1:-1] = False
     system = _System(squares, diagonal, right, splat, areas)
@@ -216,7 +218,7 @@ class _System(NamedTuple):
 def _outside_of_free(
     system: _System, active: Bools, free: Bools, shape: tuple[int, ...], settings: CoarseSettings
 ) -> tuple[Floats, float]:
-    """The function with free voxels outside, and its level; only those inside are pulled."""
+    """The function, below its level in `free` voxels, and that level; it pulls wrong ones only."""
     chi, target = None, np.zeros(shape)
     for turn in range(settings.free_rounds):
         diagonal = system.diagonal + settings.free_weight * active
@@ -252,7 +254,7 @@ def _conjugate_gradients(
 
     chi = solve(right) if start is None else start
     residual = right - apply(chi)
-    enough = settings.residual * float(np.linalg.norm(right))
+    enough = settings.max_residual * float(np.linalg.norm(right))
     turned = solve(residual)
     direction, product = turned, float((residual * turned).sum())
     for _ in range(settings.max_steps):

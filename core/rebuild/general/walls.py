@@ -21,12 +21,12 @@ class WallSettings:
     """Which points lie on opposite sides of a wall, and how large cells are for it."""
 
     spacing: float = 1.5e-3  # [m] edge of cubes, of each of which one point is used; larger, faster
-    opposite: float = -0.8  # largest cosine between the normals of two sides
-    aside: float = 0.6  # largest offset of a pair across its normal, over the thickness
+    max_opposite_cosine: float = -0.8  # between the normals of two sides
+    max_offset_ratio: float = 0.6  # of a pair across its normal, over the thickness
     min_share: float = 0.25  # least fraction of all points that lie on walls
-    thinnest: float = 0.02  # fraction of all points that may lie on thinner walls
-    cells: float = 1.0  # edge of a cell over the thickness of the wall; larger is coarser
-    ratio: float = 1.25  # of one cell size to the next: so that a few touches do not change it
+    thin_share: float = 0.02  # fraction of all points that may lie on thinner walls
+    cell_ratio: float = 1.0  # edge of a cell over the thickness of the wall; larger is coarser
+    size_ratio: float = 1.25  # of one cell size to the next: so that a few touches do not change it
 
 
 def wall_thickness(
@@ -43,20 +43,20 @@ def wall_thickness(
     points, normals = contacts.points[first_in], contacts.normals[first_in]
     pairs = point_tree(points).query_pairs(most, output_type="ndarray")
     first, second = pairs.T
-    facing = np.einsum("ni,ni->n", normals[first], normals[second]) < settings.opposite
+    facing = np.einsum("ni,ni->n", normals[first], normals[second]) < settings.max_opposite_cosine
     first, second = first[facing], second[facing]
     between = points[second] - points[first]
     inwards = normals[second] - normals[first]  # from the first side to the second
     inwards /= np.linalg.norm(inwards, axis=1, keepdims=True)
     thickness = np.einsum("ni,ni->n", between, inwards)
     aside = np.linalg.norm(between - thickness[:, None] * inwards, axis=1)
-    good = (thickness > 0.0) & (aside < settings.aside * thickness)
+    good = (thickness > 0.0) & (aside < settings.max_offset_ratio * thickness)
     nearest = np.full(len(points), np.inf)
     for side in (first[good], second[good]):
         np.minimum.at(nearest, side, thickness[good])
     if np.isfinite(nearest).mean() < settings.min_share:
         return None
-    return float(np.quantile(nearest, settings.thinnest, method="lower"))
+    return float(np.quantile(nearest, settings.thin_share, method="lower"))
 
 
 def wall_cell(
@@ -64,7 +64,8 @@ def wall_cell(
 ) -> float:
     """Edge of cells [m] that resolve the walls touched on both sides, at most `cell`."""
     thickness = wall_thickness(contacts, 2.0 * cell, settings)
-    if thickness is None or settings.cells * thickness >= cell:
+    wanted = cell if thickness is None else settings.cell_ratio * thickness
+    if wanted >= cell:
         return cell
-    steps = math.ceil(math.log(cell / (settings.cells * thickness), settings.ratio) - 1e-9)
-    return float(cell / settings.ratio**steps)
+    steps = math.ceil(math.log(cell / wanted, settings.size_ratio) - 1e-9)
+    return float(cell / settings.size_ratio**steps)

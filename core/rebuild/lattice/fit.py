@@ -42,7 +42,7 @@ class LatticeSettings:
     """Sizes and fills of a lattice that are tried, and where it is tested for folds."""
 
     sides: tuple[int, ...] = (7, 9, 11, 13, 17, 21)  # control points across a section, each way
-    fills: tuple[SectionFill, ...] = ("bending", "rings", "cones")
+    fills: tuple[SectionFill, ...] = ("bending", "rings", "cones")  # of `SystemSettings`, in order
     n_larger: int = 1  # larger sides that are tried once the tolerance is met, if the inside folds
     min_tolerance: float = 1e-5  # fraction of the larger half extent of the section
     max_tolerance: float = 1e-3  # fraction of the larger half extent of the section

@@ -25,7 +25,7 @@ class RefinementSettings:
     # isolated point, and follows contradictory neighbours little.
     damping: float = 0.1
     max_remaining: float = 0.9  # fraction of the distances: a step that leaves more is the last
-    tolerance: float = 1e-10  # fraction of the diagonal of the box, to which points are passed
+    tolerance: float = 1e-10  # largest distance of passed points, fraction of the box's diagonal
     n_place_steps: int = 3  # towards the nearest places of the side, after each step
     max_place_step: float = 0.05  # fraction of the side, along and around
     max_log_weight_step: float = 0.5  # largest change of the logarithm of a weight

@@ -57,10 +57,10 @@ class SectionSettings:
     exponents: tuple[float, ...] = (1.0, 0.8, 0.6, 0.45, 0.33, 0.25, 0.2)  # that are tried
     n_directions: int = 12  # of the axes within a quarter turn, besides the ellipse's own
     max_misfit_ratio: float = 0.8  # over the misfit of the ellipse, for another section to be used
-    min_backward: float = 1e-6  # fraction of a curve's first harmonic: else it has no direction
+    min_harmonic_ratio: float = 1e-6  # backward over forward harmonic; a circle has less
     n_lead: int = 64  # coefficients of the lead of the azimuth over the turn
-    min_speed: float = 0.25  # of the azimuth, fraction of its mean: no place is taken twice
-    min_aspect: float = 1e-3  # of a section: a line cannot be a box
+    min_azimuth_speed: float = 0.25  # fraction of its mean; above 0 it never runs backwards
+    min_aspect: float = 1e-3  # of a section; a flatter one is widened
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -271,7 +271,7 @@ def _resembling(mean: Complexes, middle: complex, settings: SectionSettings) -> 
     exponents, n_directions = settings.exponents, settings.n_directions
     circle = np.exp(2j * np.pi * np.arange(len(mean)) / len(mean))
     forwards, backwards = complex((mean / circle).mean()), complex((mean * circle).mean())
-    round_ = abs(backwards) <= settings.min_backward * abs(forwards)
+    round_ = abs(backwards) <= settings.min_harmonic_ratio * abs(forwards)
     own = 0.0 if round_ else 0.5 * float(np.angle(forwards * backwards))
     angles = np.concatenate([[own], 0.5 * np.pi * np.arange(n_directions) / n_directions])
     boxes = [_boxed(mean, float(angle), settings.min_aspect) for angle in angles]
@@ -335,8 +335,9 @@ def _section(
     lead = np.linalg.lstsq(basis.matrix(turns).toarray(), ahead, rcond=None)[0]
     fine = np.arange(4 * settings.n_lead) / (4 * settings.n_lead)
     slope = float((basis.matrix(fine, 1) @ lead).min())
-    if slope < settings.min_speed - 1.0:
-        lead = lead.mean() + (1.0 - settings.min_speed) / -slope * (lead - lead.mean())
+    max_fall = 1.0 - settings.min_azimuth_speed
+    if slope < -max_fall:
+        lead = lead.mean() + max_fall / -slope * (lead - lead.mean())
     return Section(np.array([middle.real, middle.imag]), axes, exponent, lead)
 
 

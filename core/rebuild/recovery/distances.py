@@ -146,7 +146,7 @@ def _gauge_curvature(
 def slope_by_taper(
     at: Untapered, moving: Triple, by_place: Triple, by_rate: Triple
 ) -> tuple[Floats, Floats]:
-    """Derivatives by the two taper parameters."""
+    """Derivatives by both taper parameters of a function of places and of rates `moving`."""
     high, by_taper = moving[2], []
     for i in (0, 1):
         share = at.share / at.width[i]
@@ -174,7 +174,10 @@ def untaper_slope_of_both(
 def slope_by_bend(
     at: Unbent, bent: Triple, moving: Triple, by_place: Triple, by_rate: Triple
 ) -> tuple[Floats, Floats]:
-    """Derivatives by both parameters of the bend; `bent` is the rate before unbending."""
+    """Derivatives by both bend parameters of a function of places and of rates `moving`.
+
+    `bent`: the rates before unbending.
+    """
     r, z, stretch, s, c = at.inwards, at.along, at.stretch, at.sine, at.cosine
     angle = at.curvature * z
     sag = z * angle * at.rise

@@ -42,7 +42,7 @@ class StartSettings:
     # Round, box and octahedron: from round alone neither a box, where slopes by the exponents
     # vanish, nor an octahedron, which has creases, is always found.
     exponents: Exponents = ((1.0, 1.0), (0.2, 0.2), (1.8, 1.8))
-    n_bent_exponents: int = 2  # the first of these, with a bend: each starts with six bends
+    n_bent_exponents: int = 2  # the first of these are tried with a bend, from six bends each
     min_extent: float = 5e-3  # fraction of the points' diameter: thinner ones start so thick
     rigid_sizes: tuple[float, float] = (0.5, 1.3)
     warped_sizes: tuple[float, float] = (0.3, 1.5)  # with a taper or a bend

@@ -67,9 +67,8 @@ class ReportSettings:
     # with `noise_sigmas` standard deviations.
     max_gap: float = 1.0
     noise_sigmas: float = 3.0
-    unknown_scatter: float = (
-        1.0  # fraction of the points' diameter, of as many points as parameters
-    )
+    # Fraction of the points' diameter, if there are no more points than parameters.
+    unknown_scatter: float = 1.0
     negligible: float = 1e-6  # of the longest column and the largest singular value: counts as 0
     # Standard deviation of each parameter before there are points, in the units of the fit (points
     # of diameter 1, logarithms, radians), so that no variance is infinite.

@@ -91,7 +91,7 @@ class ContourFit(NamedTuple):
         return np.asarray(np.einsum("mkd,mkd->mk", grid - self.fitted(), across))
 
     def swing(self, min_step: float = 0.05) -> float:
-        """Largest distance from the middle between two rows, over the distance of these.
+        """Largest distance of the fit from the middle between two rows, over that of the rows.
 
         `min_step`, a fraction of the size, is added to the latter: small swings are noise.
         """

@@ -133,7 +133,7 @@ class ContourLoft:
         return heights, np.sqrt(np.mean(deviation**2, axis=1))
 
     def reached(self, rim: float, upper: bool) -> Floats:
-        """The height up to which it was touched: its last one, `rim`."""
+        """Height (1,) up to which it was touched: its last one, `rim`."""
         return np.array([rim])
 
     def uncertainty(

@@ -35,7 +35,7 @@ class ShiftSettings:
     max_iterations: int = 35  # of the conjugate gradients
     tolerance: float = 1e-3  # of their residual over the first one, at which they stop
     stiffening: float = 10.0  # ratio of one stiffness that is tried to the next
-    max_stiffenings: int = 5  # of these steps
+    max_stiffenings: int = 5  # largest number of times that it is made stiffer
     max_whole_drift: int = 400  # touches; with more, drift is along their mean normals only
 
 
@@ -121,7 +121,7 @@ def _shift_corrections(
 
 
 def _blocks(spline: RadialSpline, directions: Floats) -> scipy.sparse.csr_array:
-    """From shifts (k d,) along directions (k, d, 3) of the touches to distances along normals."""
+    """Matrix from shifts (k d,) along directions (k, d, 3) to distances along normals."""
     rows, (count, n) = spline.rows, directions.shape[:2]
     along = np.einsum("ndi,ni->nd", directions[rows.touch], rows.normals)
     columns = (n * rows.touch[:, None] + np.arange(n)).ravel()
@@ -130,7 +130,7 @@ def _blocks(spline: RadialSpline, directions: Floats) -> scipy.sparse.csr_array:
 
 
 def _drift(spline: RadialSpline, count: int, weight: float, pose: float, max_whole: int) -> Drift:
-    """Drift by the shifts of `count` touches, of a standard deviation [m], by Schur complement."""
+    """Drift by shifts of `count` touches of standard deviation `pose` [m], by Schur complement."""
     rows = spline.rows
     directions = np.broadcast_to(np.eye(3), (count, 3, 3))
     if count > max_whole:

@@ -27,9 +27,8 @@ class MeshSettings:
     """Spacing of rows and columns of a mesh that keeps a tolerance."""
 
     default_tolerance: float = 2e-4  # fraction of the surface's size
-    grid_share: float = (
-        0.65  # of the tolerance, for rows and columns; the rest is for thinned rings
-    )
+    # Of the tolerance, for rows and columns; the rest is for thinned rings.
+    grid_share: float = 0.65
     n_rows: int = 33  # places along each piece at which second derivatives are taken
     n_turns: int = 128  # places around at which second derivatives are taken
     max_halvings: int = 3  # of the number of points of a ring near a pole

@@ -251,7 +251,7 @@ def test_solids_of_two_settings_stand_beside_each_other():
 
 
 def test_solid_of_other_settings_is_not_stored():
-    walls = replace(DEFAULT_GENERAL.walls, cells=0.5)
+    walls = replace(DEFAULT_GENERAL.walls, cell_ratio=0.5)
     solid = replace(torus(), settings=replace(DEFAULT_GENERAL, walls=walls))
     with pytest.raises(ValueError, match="solid/settings cannot be stored: it is not the default"):
         tree_to_arrays(solid)
