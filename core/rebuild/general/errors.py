@@ -6,13 +6,13 @@ have the variance of the surface at places on it (Rue and Held, *Gaussian Markov
 2005, 2.3); its mean over places at the same distance from touched points is an error by distance,
 which holds when a touch is added. The prior is the same everywhere, but objects have flat faces and
 sharp edges. So errors grow with the bend of the surface about a place: by (1 + (k b)^2)^(1/2), with
-k the `bend_weight` and b the largest angle between the normals there and `bend_reach` beside it.
+k the `bend_weight` and b the largest angle between the normals there and 3 mm beside it (`bends`).
 All errors are then calibrated by touches that are left out in turn: squared errors are multiplied
 by the ratio of squared offsets to expected ones, its mean or, if larger, its scaled median. Each
 ratio is limited: a touch that is the only one on an edge is far off, and not typical of the rest.
 
-On an object with many edges the fit can move whole faces together with all their touches, which
-touches that are left out cannot show. But then touches seem displaced by more than their pose
+The fit can move whole faces together with all their touches (see `bends`), which touches that are
+left out cannot show. But then touches seem displaced by more than their pose
 error. The excess is a common error: it is added at all places, with a larger factor at edges, which
 a spline rounds off however many touches lie there.
 
@@ -28,9 +28,9 @@ import numpy as np
 import scipy
 
 from palpate.core.arrays import Floats
-from palpate.core.geometry import axes_across
 from palpate.core.rebuild.contours import ContactPoints
 from palpate.core.rebuild.general.band import basis_values
+from palpate.core.rebuild.general.bends import DEFAULT_BENDS, BendSettings, surface_bends
 from palpate.core.rebuild.general.fitting import (
     Fitted,
     ImplicitFit,
@@ -62,7 +62,6 @@ class ErrorSettings:
     min_error: float = 10e-6  # [m] error of a mesh of the surface, added in squares
     max_growth: float = 0.5  # of the error per distance from touched points
     touched_distance: float = 0.7  # [cells] from touched points; nearer places count as touched
-    bend_reach: float = 3e-3  # [m] distance over which the bend is measured, an angle of normals
     bend_weight: float = 4.1  # [1/rad] larger: larger errors at edges (k in the module text)
     bound_factor: float = 1.25  # bound of 95 % over the expected error
     # Places far from touched points are those that are hard to reach: the factor of the bound there
@@ -75,7 +74,6 @@ class ErrorSettings:
     edge_bends: tuple[float, float] = (0.3, 0.8)  # [rad]
     edge_factor: float = 3.0
     calibrated_growth: float = 1.5  # ratio of touches, after which a draft is calibrated again
-    n_bend_directions: int = 6  # azimuths about a place at which normals are compared for its bend
     # [cells] from touched points: borders of the distance classes in which errors are averaged.
     class_borders: tuple[float, ...] = (0.0, 0.3, 0.7, 1.2, 1.8, 2.6, 3.6, 5.0, 7.0, 10.0, 14.0)
     n_places: int = 512  # places at which draws are evaluated together: memory
@@ -137,25 +135,26 @@ def surface_errors(
     fitted: Fitted,
     before: SurfaceErrors | None = None,
     settings: ErrorSettings = ErrorSettings(),
+    bending: BendSettings = DEFAULT_BENDS,
 ) -> tuple[ImplicitFit, SurfaceErrors]:
     """The fit, solved exactly, and its expected errors, calibrated by touches left out [m].
 
     `before`: errors of a fit of most of these touches; its calibration is kept if it still holds.
     """
-    cell, solution = fitted.spline.cell, fitted.solution
+    cell, solution, band = fitted.spline.cell, fitted.solution, fitted.solution.fit.band
     count = len(fitted.spline.fit.displacements)
     if before is None or count > settings.calibrated_growth * before.calibrated:
         left = leave_out(solution, settings.leave_out, int(fitted.points.touch.max()) + 1)
         solution, covariance = left.solution, left.covariance
         touched = touch_middles(fitted.points.places, fitted.points.touch)[left.touches]
-        touched_bends = surface_bends(solution.fit, touched, cell, settings)
+        touched_bends = surface_bends(band, solution.fit.control, touched, cell, bending)
         scale = calibration(left, bend_factors(touched_bends, settings.bend_weight), settings)
         held_out = cell * float(np.sqrt(left.squares.mean()))
     else:
         solution, covariance = solved_exactly(solution, settings.leave_out)
         scale, held_out, count = before.calibration, before.held_out, before.calibrated
     places = _surface_places(solution.fit, settings)
-    bends = surface_bends(solution.fit, places, cell, settings)
+    bends = surface_bends(band, solution.fit.control, places, cell, bending)
     distances = np.asarray(scipy.spatial.cKDTree(fitted.points.places).query(places)[0])
     variances = scale * _variances(solution, covariance, places, settings)
     middles, errors = _by_distance(distances, variances, cell, settings)
@@ -196,32 +195,6 @@ def _with_calibrated_growth(errors: Floats, ratio: float) -> Floats:
     """Errors by distance, whose growth is reduced if calibration over the usual one is below 1."""
     growing = min(ratio, 1.0)
     return np.asarray(np.sqrt(errors[0] ** 2 + growing * (errors**2 - errors[0] ** 2)))
-
-
-def surface_bends(fit: ImplicitFit, places: Floats, cell: float, settings: ErrorSettings) -> Floats:
-    """Largest angle (n,) between the normals at places (n, 3) and `bend_reach` beside them [rad].
-
-    Places are in cells of an edge `cell` [m]. Where the band ends nothing is known of the surface,
-    which counts as flat.
-    """
-    bends, reach = np.zeros(len(places)), settings.bend_reach / cell
-    normals = _unit_gradients(fit, places)
-    known = np.isfinite(normals).all(axis=1)
-    places, normals = places[known], normals[known]
-    axes = axes_across(normals)
-    least = np.ones(len(places))  # cosine
-    for turn in np.linspace(0.0, 2.0 * np.pi, settings.n_bend_directions, endpoint=False):
-        beside = places + reach * (np.cos(turn) * axes[:, 0] + np.sin(turn) * axes[:, 1])
-        there = _unit_gradients(fit, beside)
-        least = np.fmin(least, np.einsum("ni,ni->n", normals, there))
-    bends[known] = np.arccos(np.clip(least, -1.0, 1.0))
-    return bends
-
-
-def _unit_gradients(fit: ImplicitFit, places: Floats) -> Floats:
-    """Unit vectors (n, 3) along the spline's gradient; NaN beyond the band."""
-    gradient = fit.band.evaluate(fit.control, places)[1]
-    return np.asarray(gradient / np.linalg.norm(gradient, axis=1, keepdims=True))
 
 
 def calibration(left: LeftOut, factors: Floats, settings: ErrorSettings) -> float:

@@ -81,10 +81,18 @@ class TouchedPoints(NamedTuple):
     places: Floats  # (n, 3)
     normals: Floats  # Outward unit normals (n, 3)
     touch: Ints  # Number of each point's touch (n,), from 0 on
+    # Of its touch's displacement that each point takes part in, (n,), from 0 to 1; None: all
+    shares: Floats | None = None
+
+    @property
+    def moving(self) -> Floats:
+        """Derivatives (n, 3) of the points' residuals by the displacement of their touch."""
+        return self.normals if self.shares is None else self.shares[:, None] * self.normals
 
     def only(self, kept: Bools) -> TouchedPoints:
         """The points where a mask (n,) is set; touches keep their numbers."""
-        return TouchedPoints(self.places[kept], self.normals[kept], self.touch[kept])
+        shares = None if self.shares is None else self.shares[kept]
+        return TouchedPoints(self.places[kept], self.normals[kept], self.touch[kept], shares)
 
 
 def touch_middles(places: Floats, touch: Ints) -> Floats:
@@ -281,6 +289,7 @@ class Equations:
         self.n_rows = n_rows
         self.cell = number[order]
         self.normals, self.touch = points.normals[order], points.touch[order]
+        self.moving = points.moving[order]
         self.offsets = offsets[order]
         local = band.local[self.cell]
         ends = np.arange(0, N_LOCAL * len(order) + 1, N_LOCAL)
@@ -289,7 +298,7 @@ class Equations:
         self.values = scipy.sparse.csr_matrix((values.ravel(), local.ravel(), ends), shape=shape)
         self.displacing = scipy.sparse.csr_matrix(
             (
-                self.normals.ravel(),
+                self.moving.ravel(),
                 (np.repeat(np.arange(len(order)), 3), _triples(self.touch)),
             ),
             shape=(len(order), 3 * count),
@@ -375,7 +384,7 @@ def with_residuals(
 def touch_blocks(equations: Equations, shares: Floats) -> Floats:
     """Diagonal blocks (t, 3, 3) of the equations, one a touch's displacement."""
     square = (shares / equations.scale.point) ** 2
-    normals, touch, count = equations.normals.T, equations.touch, equations.count
+    normals, touch, count = equations.moving.T, equations.touch, equations.count
     own = np.empty((count, 3, 3))
     for i, j in np.ndindex(3, 3):
         own[:, i, j] = np.bincount(touch, normals[i] * normals[j] * square, count)
@@ -459,7 +468,7 @@ def refit_locally(
     elsewhere[cells] = False
     free = ~np.isin(values, band.local[elsewhere])
     system = _LocalSystem(fit, cells, values, weights)
-    shift = np.einsum("ij,ij->i", before.normals, fit.displacements[before.touch])
+    shift = np.einsum("ij,ij->i", before.moving, fit.displacements[before.touch])
     system.add(before, fit.weights, shift)
     columns, own = system.add(touched, np.ones(len(touched.places)), np.zeros(len(touched.places)))
     own += np.eye(3) / max(weights.pose, np.finfo(float).tiny) ** 2
@@ -472,7 +481,7 @@ def refit_locally(
     control[values[free]] = solution
     moved = -through @ control[values]
     value, gradient = band.evaluate(control, touched.places)
-    residuals = value + touched.normals @ moved
+    residuals = value + touched.moving @ moved
     tilt = np.linalg.norm(gradient - touched.normals, axis=1)
     off = (residuals / weights.point) ** 2 + (tilt / weights.normal) ** 2
     shares = np.where(np.isfinite(off), (1.0 + off / weights.cauchy**2) ** -0.5, 0.0)
@@ -526,9 +535,10 @@ class _LocalSystem:
         asked -= rows[0] * (value * shift[inside])[:, None]
         np.add.at(self.right, local, asked)
         columns = np.zeros((len(self.right), 3))
-        weighed = value[:, None] * normals
+        moving = points.moving[inside]
+        weighed = value[:, None] * moving
         np.add.at(columns, local, rows[0][..., None] * weighed[:, None])
-        return columns, np.asarray(normals.T @ weighed)
+        return columns, np.asarray(moving.T @ weighed)
 
     def _sum(self, local: Ints, blocks: Floats) -> None:
         count = len(self.matrix)

@@ -128,7 +128,7 @@ def _sketch(solution: Solution, touch: int, settings: LeaveOutSettings) -> _Sket
     for _ in range(settings.n_iterations):
         directions = np.linalg.qr(flat.T @ (flat @ directions))[0]
     displacing = np.zeros((len(rows), 4, 3))
-    displacing[:, 0] = equations.normals[rows] * weights[:, :1]
+    displacing[:, 0] = equations.moving[rows] * weights[:, :1]
     inner = flat @ directions
     return _Sketch(rows, controls.astype(np.int32), directions, inner, displacing.reshape(-1, 3))
 
@@ -216,11 +216,11 @@ def _offset_without(
     """Mean squared offset of a touch's points from the fit without it, and its expectation."""
     equations, rows = solution.equations, sketch.rows
     weights = solution.row_weights(rows)
-    normals = equations.normals[rows]
+    normals, moving = equations.normals[rows], equations.moving[rows]
     cell, offsets = equations.cell[rows], equations.offsets[rows]
     fitted = np.column_stack(equations.band.evaluate_in(solution.fit.control, cell, offsets))
     moved = solution.fit.displacements[equations.touch[rows[0]]]
-    residuals = (weights * (np.column_stack([-normals @ moved, normals]) - fitted)).ravel()
+    residuals = (weights * (np.column_stack([-moving @ moved, normals]) - fitted)).ravel()
     fewer = len(inverse) - 3 - sketch.inner.shape[1]
     inner = np.concatenate([np.pad(sketch.inner, ((0, 0), (0, fewer))), sketch.displacing], axis=1)
     basis, triangle = np.linalg.qr(inner)

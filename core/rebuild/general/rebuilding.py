@@ -19,6 +19,11 @@ from palpate.core.arrays import Bools, Floats, Ints, check_extent, finite_array,
 from palpate.core.geometry import linked_groups
 from palpate.core.rebuild.contours import ContactPoints, checked_contacts
 from palpate.core.rebuild.general.band import Band, basis_values, make_band
+from palpate.core.rebuild.general.bends import (
+    BendSettings,
+    displacement_shares,
+    surface_bends,
+)
 from palpate.core.rebuild.general.dissection import dissect
 from palpate.core.rebuild.general.errors import surface_errors
 from palpate.core.rebuild.general.fitting import (
@@ -237,7 +242,7 @@ def _solid_of_cells(
         fitted = problem.fit(cell, before, settings.sampling.min_rounds if before is None else 1)
     with step("held-out touches"):
         predicted_before = start.predicted if known.draft and start is not None else None
-        fit, predicted = surface_errors(fitted, predicted_before, settings.errors)
+        fit, predicted = surface_errors(fitted, predicted_before, settings.errors, settings.bends)
     count = int(touched.touch.max()) + 1
     displacements, fit = fit.displacements, fit.of_first(len(touched.points), count)
     rebuilt = GeneralSolid(
@@ -326,6 +331,7 @@ class SplineProblem(NamedTuple):
         shared = shared_motions(points, known.placement, cell, known.pose, settings.motions)
         if before is not None:
             start = start.begun(before.fit, before.cell / cell)
+            points = _shared_by_bend(points, before, cell, settings.bends)
         cells = _surface_cells(self, before, points, cell)
         over = len(make_band(cells).cells) / (grid.excess * grid.max_cells)
         if over > 1.0:  # the surface is larger than the hull of the touched points
@@ -336,21 +342,32 @@ class SplineProblem(NamedTuple):
             band = make_band(cells)
             order = dissect(band.cells, band.local, len(band.control))
             control = self.coarse.at(band.control * cell + known.origin) / cell
-            terms = points, control, cell_weights(cell, known.pose, settings.spline)
+            terms = control, cell_weights(cell, known.pose, settings.spline)
             swept = _swept_weights(known, band, cell)
             solution = None  # memory: never two factors at a time
-            solution = fit_implicit(band, *terms, start, order, shared, swept, settings.fit)
+            solution = fit_implicit(band, points, *terms, start, order, shared, swept, settings.fit)
             beyond = surface_neighbours(solution.fit, standing=known.platform is not None)
             is_whole = len(beyond) <= known.widening.max_missing * len(band.cells)
             if turn == known.widening.max_rounds or is_whole:
                 break
             cells = np.concatenate([band.cells, beyond])
             start, weighed = start.begun(solution.fit, 1.0), weighed + 1
+            points = _shared_by_bend(points, Spline(cell, solution.fit), cell, settings.bends)
         assert solution is not None
         for _ in range(weighed, rounds - 1):
+            points = _shared_by_bend(points, Spline(cell, solution.fit), cell, settings.bends)
             start, solution = start.begun(solution.fit, 1.0), None
-            solution = fit_implicit(band, *terms, start, order, shared, swept, settings.fit)
-        return Fitted(Spline(cell, solution.fit), solution, touched, *terms[1:], shared)
+            solution = fit_implicit(band, points, *terms, start, order, shared, swept, settings.fit)
+        return Fitted(Spline(cell, solution.fit), solution, touched, *terms, shared)
+
+
+def _shared_by_bend(
+    points: TouchedPoints, spline: Spline, cell: float, settings: BendSettings
+) -> TouchedPoints:
+    """The points [cells], whose shares in displacements follow from the bends of a spline."""
+    band, control, places = spline.fit.band, spline.fit.control, points.places * cell / spline.cell
+    bends = surface_bends(band, control, places, spline.cell, settings)
+    return points._replace(shares=displacement_shares(bends, settings))
 
 
 def _swept_weights(known: Known, band: Band, cell: float) -> Floats:

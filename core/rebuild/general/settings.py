@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from palpate.core.rebuild.general.bends import DEFAULT_BENDS, BendSettings
 from palpate.core.rebuild.general.edges import EdgeSettings
 from palpate.core.rebuild.general.errors import ErrorSettings
 from palpate.core.rebuild.general.fitting import FitSettings
@@ -147,6 +148,7 @@ class GeneralSettings:
     spanned: SpannedSettings = SpannedSettings()
     underside: UndersideSettings = UndersideSettings()
     spline: SplineSettings = SplineSettings()
+    bends: BendSettings = DEFAULT_BENDS
     fit: FitSettings = field(default=FitSettings())
     motions: MotionSettings = field(default=MotionSettings())
     errors: ErrorSettings = field(default=ErrorSettings())

@@ -22,10 +22,10 @@ from palpate.core.geometry import DEFAULT_MESH, nearest_points, nearest_search, 
 from palpate.core.poses import Pose
 from palpate.core.rebuild.contours import ContactPoints, checked_contacts
 from palpate.core.rebuild.general.band import basis_values
+from palpate.core.rebuild.general.bends import displacement_shares, surface_bends
 from palpate.core.rebuild.general.edges import Edges, find_edges, sharpened
 from palpate.core.rebuild.general.errors import (
     SurfaceErrors,
-    surface_bends,
     touch_distances,
 )
 from palpate.core.rebuild.general.fitting import (
@@ -157,8 +157,16 @@ class GeneralSolid(Solid):
 
     def bends(self, places: Floats) -> Floats:
         """Angles (n,) by which the normal turns within 3 mm of places (n, 3) on it [rad]."""
-        local = (places - self.origin) / self.cell
-        return surface_bends(self.fit, local, self.cell, self.settings.errors)
+        return self._bends((places - self.origin) / self.cell)
+
+    def _bends(self, places: Floats) -> Floats:
+        """Bends at places (n, 3) in cells."""
+        band, control = self.fit.band, self.fit.control
+        return surface_bends(band, control, places, self.cell, self.settings.bends)
+
+    def _shares(self, places: Floats) -> Floats:
+        """Shares of displacements in which points at places (n, 3) in cells take part."""
+        return displacement_shares(self._bends(places), self.settings.bends)
 
     def is_sharp(self, places: Floats) -> Bools:
         """Mask of the places (n, 3) within `EdgeSettings.full_shift_reach` of a sharp edge."""
@@ -240,11 +248,17 @@ class GeneralSolid(Solid):
         first = len(self.fit.displacements)
         more = touched._replace(touch=touched.touch + np.int32(first))
         places = (more.points - self.origin) / self.cell
-        points = TouchedPoints(places, np.asarray(more.normals), more.touch)
         settings = self.settings.spline
         weights = cell_weights(self.cell, self.pose, settings)
         reach = settings.local_reach / self.cell
-        fit = refit_locally(self.fit, self._points(), points, weights, reach)
+        points = TouchedPoints(places, np.asarray(more.normals), more.touch, self._shares(places))
+        before = self._points()
+        # Shares of points farther away have no effect.
+        near = np.asarray(point_tree(places).query(before.places)[0] < 2.0 * reach)
+        shares = np.ones(len(near))
+        shares[near] = self._shares(before.places[near])
+        before = before._replace(shares=shares)
+        fit = refit_locally(self.fit, before, points, weights, reach)
         contacts = ContactPoints(
             np.concatenate([self.contacts.points, more.points]),
             np.concatenate([np.asarray(self.contacts.normals), points.normals]),

@@ -108,3 +108,26 @@ def test_solid_of_a_box_has_its_edges():
         assert off["sharp"][[0, -1]].max() < 0.1e-3  # its corners
     assert isinstance(mesh, Mesh)
     assert abs(solid.closest([size * [0.5, 0.0, 0.0]]).distances[0]) < 0.1e-3
+
+
+@pytest.mark.slow  # a fit of some 3,000 cells
+def test_faces_of_a_block_do_not_move_with_their_touches():
+    """A spline rounds its edges off: points there do not say how a touch is displaced."""
+    rng, half, step = np.random.default_rng(0), np.array([0.03, 0.022, 0.025]), 8e-3
+    touches = []
+    for axis, side in ((axis, side) for axis in range(3) for side in (-1.0, 1.0)):
+        across = [other for other in range(3) if other != axis]
+        rows = [np.arange(0.5 * step - half[other], half[other], step) for other in across]
+        for middle in np.stack(np.meshgrid(*rows), axis=-1).reshape(-1, 2):
+            flat = middle + rng.uniform(-5e-3, 5e-3, (60, 2))
+            flat = flat[(np.abs(flat) < half[across]).all(axis=1)]
+            points = np.insert(flat, axis, side * half[axis], axis=1)
+            normals = np.broadcast_to(side * np.eye(3)[axis], points.shape)
+            touches.append(contacts(points + rng.normal(0.0, 0.1e-3, 3), normals))
+    solid = rebuild_general(stack_points(touches), outward=True)
+    places, off = solid.mesh().vertices, []
+    for axis in range(3):
+        across = [other for other in range(3) if other != axis]
+        inner = (np.abs(places[:, across]) < half[across] - 4e-3).all(axis=1)
+        off.append(np.abs(places[inner, axis]) - half[axis])
+    assert np.sqrt(np.mean(np.concatenate(off) ** 2)) < 0.1e-3  # 0.2 mm if all points take part
