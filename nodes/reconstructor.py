@@ -6,6 +6,7 @@ fitted when all its messages have been received, in any order of the inputs.
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from functools import partial
 from typing import Literal
@@ -21,7 +22,7 @@ from palpate.core.steps import Steps
 from palpate.messages import types
 from palpate.nodes.rebuilding.candidates import QUALITIES, coarse_model, is_final, shape_model
 from palpate.nodes.rebuilding.fitting import TOUCHED_OUTCOMES, published_solid, seen_state
-from palpate.nodes.rebuilding.placements import mistaken_error
+from palpate.nodes.rebuilding.placements import contradicted, mistaken_error
 from palpate.nodes.rebuilding.received import (
     Goal,
     State,
@@ -168,10 +169,14 @@ def _fit(state: State, goal: Goal, step: Steps, max_kept: int = 4) -> types.Shap
     general, placements = published.candidates.general, published.candidates.placements
     with step("bound"):
         locating = state.settings.locating
-        mistaken = 0.0 if general is None else mistaken_error(general.solid, placements, locating)
+        mistaken, faults = 0.0, tuple[str, ...]()
+        if general is not None:
+            error, faults = contradicted(general.solid)
+            mistaken = math.hypot(error, mistaken_error(general.solid, placements, locating))
+    placements = placements._replace(faults=(*placements.faults, *faults))
     return shape_model(
         goal,
-        published.candidates,
+        replace(published.candidates, placements=placements),
         published.solid,
         published.predicted,
         far_from_touch(seen_state(state, goal, step), goal),

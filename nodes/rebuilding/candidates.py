@@ -164,7 +164,7 @@ def shape_model(
     quality: Quality | None = None,  # of the final mesh; None for a coarse mesh
     step: Steps = no_steps,  # measures the time of each step
     rejected: tuple[str, ...] = (),  # rejected solids, with reasons
-    mistaken: float = 0.0,  # rms error if an alternative pose of the object is the true one [m]
+    mistaken: float = 0.0,  # rms error if the object's pose after a turn is wrong [m]
 ) -> types.ShapeModel:
     """The message for the published solid."""
     settings, dropped = candidates.settings.candidates, _dropped(candidates, len(goal.contours))

@@ -14,14 +14,17 @@ from palpate.core.archive import arrays_from_bytes, tree_from_arrays
 from palpate.core.arrays import Floats
 from palpate.core.poses import FACING_DOWN, IDENTITY_POSE, Pose
 from palpate.core.rebuild import reconstruction
+from palpate.core.rebuild.general import rebuild_general
 from palpate.core.rebuild.side import DetailSettings, fit_side_spline
 from palpate.core.steps import no_steps
 from palpate.messages import encode, types
 from palpate.messages.types import ContourGoal, GraspContacts, ShapeModel, SpaceMap, Superquadric
+from palpate.nodes.rebuilding.placements import contradicted
 from palpate.nodes.reconstructor import NODE, Params
 from palpate.nodes.runtime.node import Deferred
 from palpate.nodes.runtime.testing import example
 from palpate.nodes.simulator import Params as Simulated
+from tests.core.rebuild.general.test_general import torus_touches
 from tests.nodes import patches
 from tests.nodes.loop import RADIUS, Published, ball_spec, touching
 from tests.nodes.patches import INFO, ball_patches
@@ -312,3 +315,16 @@ def test_sets_of_nothing_give_empty_models():
     assert (len(model.vertices), model.final, model.touches) == (0, True, 19)
     assert np.array_equal(model.frame, IDENTITY_POSE) and model.deviation == 0.0
     assert model.predicted == {} and len(model.vertex_errors) == 0 and encode(model)
+
+
+@pytest.mark.slow  # two fits of a torus
+def test_pose_that_touches_contradict_is_named_and_counts_in_the_error():
+    touched = torus_touches(2, 1e-4)
+    placement = (np.arange(90) % 2).astype(np.int32)
+    for off in (0.2e-3, 2.5e-3):  # of the pose that contacts gave
+        later = off * (placement[touched.touch] == 1)[:, None] * [0.0, 0.0, 1.0]
+        moved = touched._replace(points=touched.points + later)
+        solid = rebuild_general(moved, cell=5e-3, pose=1e-4, placement=placement)
+        mistaken, sentences = contradicted(solid)
+        assert len(sentences) == (off > 1e-3) == (mistaken > 0.3 * off)
+        assert all("contradict the pose that contacts gave" in one for one in sentences)
