@@ -16,7 +16,7 @@ from palpate.core.geometry import (
     nearest_search,
     sample_surface,
 )
-from palpate.core.poses import Pose, rotation_angle
+from palpate.core.poses import Pose
 from palpate.core.rebuild import GeneralSolid
 from palpate.core.rebuild.contours import ContactPoints, stack_points
 from palpate.nodes.rebuilding.candidates import Placements
@@ -113,27 +113,13 @@ def _sentences(placement: Placement, asked: Pose | None, noun: str, max_lean: fl
 
 
 def contradicted(solid: GeneralSolid) -> tuple[float, tuple[str, ...]]:
-    """Largest error [m] of poses that touches since the turn contradict, and a sentence each.
-
-    A fit with all touches moves those of such a placement farther than `MotionSettings` allow. The
-    error is the root mean square of how far it displaces them along their normals.
-    """
-    touched, settings = solid.contacts, solid.settings.motions
-    moved = solid.cell * solid.fit.displacements[touched.touch]
-    along = np.einsum("ni,ni->n", np.asarray(touched.normals), moved)
-    errors, sentences = [0.0], list[str]()
-    for number, motion in enumerate(solid.motions, 1):
-        own = solid.placements_of_touches[touched.touch] == number
-        middle = touched.points[own].mean(axis=0) if own.any() else np.zeros(3)
-        shift = float(np.abs(motion.to_outer(middle[None])[0] - middle).max())
-        turn = rotation_angle(np.eye(3), motion.axes)
-        if max(shift / settings.shift, turn / settings.turn) > settings.max_sigmas:
-            errors.append(float(np.sqrt(np.square(along[own]).mean())))
-            sentences.append(
-                f"its touches contradict the pose that contacts gave: they lie "
-                f"{1e3 * errors[-1]:.2g} mm off it"
-            )
-    return max(errors), tuple(sentences)
+    """Largest error [m] of poses that touches since the turn contradict, and a sentence each."""
+    errors = solid.contradicted_placements()
+    sentences = (
+        f"its touches contradict the pose that contacts gave: they lie {1e3 * error:.2g} mm off it"
+        for error in errors
+    )
+    return max(errors, default=0.0), tuple(sentences)
 
 
 def mistaken_error(

@@ -25,7 +25,7 @@ class BendSettings:
     reach: float = 3e-3  # [m] distance over which the bend is measured, an angle of normals
     n_directions: int = 6  # azimuths about a place at which normals are compared
     # Bend at which a point takes part in half of its touch's displacement [rad]. On a block 0.3
-    # leaves faces 0.06 mm inside, 0.8 up to 0.25 mm outside.
+    # leaves faces 0.07 mm inside, 0.8 up to 0.25 mm outside.
     half_share: float = 0.5
 
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.core.arrays import Floats, Ints
-from palpate.core.poses import Pose, rotations_from_vectors
+from palpate.core.poses import Pose, rotation_angle, rotations_from_vectors
 from palpate.core.rebuild.contours import ContactPoints
 from palpate.core.rebuild.general.fitting import SharedMotions, TouchedPoints, touch_middles
 
@@ -28,7 +28,7 @@ class MotionSettings:
     least_pose: float = 2.0e-6  # [m] least pose error of a touch: exact poses have this one
 
     # A fitted shift or turn that is larger, over its deviation, contradicts the known pose. It was
-    # at most 1.4 in 19 explorations with true poses, and 4.4 in one whose pose leaned by 3 degrees.
+    # at most 1.4 in 20 explorations of 13 objects, and 4.4 in one whose pose leaned by 3 degrees.
     max_sigmas: float = 3.0
 
 
@@ -83,3 +83,13 @@ def found_motions(
         turn = rotations_from_vectors(settings.turn * unknown[None, :3])[0]
         motions.append(Pose(middle + settings.shift * unknown[3:] - turn @ middle, turn))
     return tuple(motions)
+
+
+def contradicts(
+    motion: Pose, contacts: ContactPoints, settings: MotionSettings = MotionSettings()
+) -> bool:
+    """Whether a fitted motion moves these contacts farther than the known pose allows."""
+    middle = contacts.points.mean(axis=0, keepdims=True)
+    shift = float(np.abs(motion.to_outer(middle) - middle).max())
+    turn = rotation_angle(np.eye(3), motion.axes)
+    return max(shift / settings.shift, turn / settings.turn) > settings.max_sigmas

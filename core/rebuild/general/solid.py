@@ -34,6 +34,7 @@ from palpate.core.rebuild.general.fitting import (
     Weights,
     refit_locally,
 )
+from palpate.core.rebuild.general.placements import contradicts
 from palpate.core.rebuild.general.settings import (
     DEFAULT_GENERAL,
     GeneralSettings,
@@ -272,6 +273,21 @@ class GeneralSolid(Solid):
         """How often the object had been turned over before each touch, (t,)."""
         count = len(self.fit.displacements)
         return self.placement if len(self.placement) else np.zeros(count, np.int32)
+
+    def contradicted_placements(self) -> list[float]:
+        """Errors [m] of those later placements whose known pose their touches contradict.
+
+        Each is the root mean square of how far the fit displaces these touches along their normals.
+        """
+        placement, errors = self.placements_of_touches[self.contacts.touch], list[float]()
+        moved = self.cell * self.fit.displacements[self.contacts.touch]
+        along = np.einsum("ni,ni->n", np.asarray(self.contacts.normals), moved)
+        for number, motion in enumerate(self.motions, 1):
+            own = placement == number
+            touched = ContactPoints(self.contacts.points[own], None, self.contacts.touch[own])
+            if own.any() and contradicts(motion, touched, self.settings.motions):
+                errors.append(float(np.sqrt(np.square(along[own]).mean())))
+        return errors
 
     def _points(self) -> TouchedPoints:
         places = (self.contacts.points - self.origin) / self.cell
